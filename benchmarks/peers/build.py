@@ -1,0 +1,67 @@
+"""Compiles the C++ peers when they are first used, and again when their source, compiler or flags change."""
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+from pathlib import Path
+
+HERE = Path(__file__).parent
+BUILT = HERE / "build"
+FLAGS = ("-O3", "-march=native", "-std=c++17", "-Wall", "-Wextra", "-shared", "-fPIC")
+
+
+class MissingPeer(RuntimeError):
+    """A program to compare with is not there; a benchmark without its peer has failed."""
+
+
+def compiler() -> str:
+    """The C++ compiler: $CXX, or g++."""
+    name = os.environ.get("CXX", "g++")
+    path = shutil.which(name)
+    if path is None:
+        raise MissingPeer(f"the C++ peers need a compiler and '{name}' is not on the PATH: apt install g++, or set CXX")
+    return path
+
+
+def compiler_version() -> str:
+    """First line of what the compiler says about itself."""
+    return subprocess.run([compiler(), "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
+
+
+def library(name: str) -> Path:
+    """The shared library built from `name`.cpp.
+
+    The file is named after everything that goes into it: the source, every header, the flags, the compiler's version
+    and, because of -march=native, the processor with its instruction sets.
+    """
+    cxx = compiler()
+    content = hashlib.sha256("\n".join([*FLAGS, compiler_version(), *_processor()]).encode())
+    for source in (HERE / f"{name}.cpp", *sorted(HERE.glob("*.hpp"))):
+        content.update(source.read_bytes())
+    target = BUILT / f"{name}-{content.hexdigest()[:16]}.so"
+    if not target.exists():
+        BUILT.mkdir(exist_ok=True)
+        unfinished = target.with_suffix(f".{os.getpid()}")
+        command = [cxx, *FLAGS, "-o", str(unfinished), str(HERE / f"{name}.cpp")]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise MissingPeer(f"the peer {name}.cpp does not compile:\n{' '.join(command)}\n{done.stderr}")
+        unfinished.replace(target)  # at once, so that two processes building it never load half a file
+    return target
+
+
+def processor() -> str:
+    """The processor's model name, as far as the system tells."""
+    return _processor()[0]
+
+
+def _processor() -> tuple[str, str]:
+    """Model name and instruction sets."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine(), ""
+    found = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    return found.get("model name", platform.machine()), found.get("flags", "")
