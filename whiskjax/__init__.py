@@ -1,0 +1,42 @@
+"""whiskjax: differentiable sensor models for airborne scanners and cameras.
+
+One imaging chain (trajectory -> mounts -> scan mirror or gimbal -> camera -> ground) in pure JAX functions, and what follows from
+it: calibration, location, sensitivity. This file re-exports the public names and does nothing else.
+"""
+
+from .chain.bake import bake as bake
+from .chain.by import By as By
+from .chain.camera import FrameCamera as FrameCamera
+from .chain.correction import Bias as Bias
+from .chain.correction import Correction as Correction
+from .chain.correction import Drift as Drift
+from .chain.correction import OrientationImages as OrientationImages
+from .chain.correction import Spline as Spline
+from .chain.imaging import image_to_ground as image_to_ground
+from .chain.imaging import project as project
+from .chain.imaging import ray as ray
+from .chain.line_camera import LineCamera as LineCamera
+from .chain.line_camera import LookTable as LookTable
+from .chain.lines import LineTimes as LineTimes
+from .chain.mounts import Axes as Axes
+from .chain.mounts import Mount as Mount
+from .chain.pose import Motion as Motion
+from .chain.pose import Pose as Pose
+from .chain.search import ground_to_image as ground_to_image
+from .chain.sensor import Sensor as Sensor
+from .chain.shot import Shot as Shot
+from .chain.sweep import sweep as sweep
+from .chain.trajectory import PosePerImage as PosePerImage
+from .chain.trajectory import Trajectory as Trajectory
+from .chain.turn import Encoder as Encoder
+from .chain.turn import Turn as Turn
+from .earth.ellipsoid import ecef_to_geodetic as ecef_to_geodetic
+from .earth.ellipsoid import geodetic_to_ecef as geodetic_to_ecef
+from .earth.frames import enu_rotation as enu_rotation
+from .earth.frames import ned_rotation as ned_rotation
+from .earth.surface import HeightSurface as HeightSurface
+from .earth.surface import Plane as Plane
+from .rules import RESULTS as RESULTS
+from .rules import FlightError as FlightError
+from .rules import SensorError as SensorError
+from .rules import WhiskjaxError as WhiskjaxError

@@ -1,0 +1,123 @@
+"""Where a number lives in a sensor: "platform.left.angles_rad[0]"."""
+
+import dataclasses
+import re
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..algebra.vectors import is_structural
+from ..rules import WhiskjaxError
+from .by import By
+from .correction import Correction
+from .sensor import Sensor
+from .trajectory import PosePerImage
+
+
+class Address(NamedTuple):
+    """A parsed place: the link (or "camera"), the path of names below it, and the index inside the array."""
+
+    link: str
+    path: tuple[str, ...]
+    index: tuple[int, ...]
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        index = f"[{','.join(map(str, self.index))}]" if self.index else ""
+        return ".".join((self.link, *self.path)) + index
+
+
+_FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?$")
+
+
+def parse(text: str) -> Address:
+    """**Raises:** `WhiskjaxError` where the text is not of the form link.field[i] or link.option.field[i]."""
+    match = _FORM.match(text.strip())
+    if match is None:
+        raise WhiskjaxError(
+            f"{text!r} is no place in a sensor; places look like 'platform.left.angles_rad[0]' or 'camera.focal_px'"
+        )
+    link, *path = match[1].split(".")
+    index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
+    return Address(link, tuple(path), index)
+
+
+def _step(node: Any, name: str, text: str) -> Any:
+    if isinstance(node, By):
+        return node[name]
+    fields = [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
+    if name not in fields:
+        raise WhiskjaxError(f"{text}: {type(node).__name__} has no {name!r}; it has {', '.join(fields)}")
+    return getattr(node, name)
+
+
+def node_at(sensor: Sensor, address: Address) -> Any:
+    """The leaf that holds the number (the whole array, not yet indexed)."""
+    node = sensor[address.link]
+    for name in address.path:
+        node = _step(node, name, address.text)
+    return node
+
+
+def read(sensor: Sensor, address: Address) -> Any:
+    """The number itself."""
+    leaf = node_at(sensor, address)
+    if leaf is None or is_structural(leaf, 0):
+        return jnp.zeros(())
+    return leaf[address.index] if address.index else leaf
+
+
+def _zeros_like_field(node: Any, name: str) -> Any:
+    """What an absent parameter means, as an array that can hold an unknown."""
+    if isinstance(node, Correction):
+        return jnp.zeros((node.basis.size, 3))
+    if isinstance(node, PosePerImage):
+        return jnp.zeros((node.position_m[0].shape[0], 3))  # pyright: ignore[reportAttributeAccessIssue]
+    if name == "distortion":
+        return jnp.zeros(5)
+    if name == "deformation_px":
+        return jnp.zeros((2, 4))
+    return jnp.zeros(3)
+
+
+def make_room(sensor: Sensor, address: Address) -> Sensor:
+    """The same sensor, with a real number at the address where there was a structural zero or None.
+
+    **Raises:** `WhiskjaxError` where the place holds no number, or the index lies outside the array.
+    """
+    node = sensor[address.link]
+    for name in address.path[:-1]:
+        node = _step(node, name, address.text)
+    leaf = _step(node, address.path[-1], address.text)
+    if leaf is None or is_structural(leaf, 0):
+        leaf = jnp.zeros(()) if leaf is not None else _zeros_like_field(node, address.path[-1])
+        sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
+    if not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
+        raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
+    if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
+        raise WhiskjaxError(f"{address.text}: the array there has shape {leaf.shape}; name one of its entries, as [0]")
+    return sensor
+
+
+def put(sensor: Sensor, addresses: list[Address], values: list[Any]) -> Sensor:
+    """The sensor with numbers put in; entries of one array are set together."""
+    by_leaf: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    for k, a in enumerate(addresses):
+        by_leaf.setdefault((a.link, a.path), []).append(k)
+    firsts = [addresses[ks[0]] for ks in by_leaf.values()]
+    leaves = []
+    for first, ks in zip(firsts, by_leaf.values(), strict=True):
+        leaf = node_at(sensor, first)
+        if leaf.ndim == 0:
+            leaf = values[ks[-1]]
+        elif leaf.ndim == 1:
+            entries = {addresses[k].index[0]: values[k] for k in ks}
+            leaf = jnp.stack([entries.get(i, leaf[i]) for i in range(leaf.shape[0])])
+        else:
+            for k in ks:
+                leaf = leaf.at[addresses[k].index].set(values[k])
+        leaves.append(leaf)
+    return eqx.tree_at(lambda s: [node_at(s, a) for a in firsts], sensor, leaves)

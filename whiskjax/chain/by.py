@@ -1,0 +1,100 @@
+"""One link, or one camera, for each swing, view, strip or image."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..algebra.vectors import Component
+from ..rules import RESULTS, WhiskjaxError
+from ..rules.results import choose
+from .link import AbstractLink
+from .pose import Pose
+from .shot import KEYS, Shot
+
+
+class By(AbstractLink):
+    """Options told apart by a key of the shot: `By("swing", {"left": Mount(...), "right": Mount(...)})`.
+
+    The shot's key is the index of the option, in the order given. Where the key is a Python int the option is chosen before
+    tracing; where it is an array every option is evaluated and selected element by element.
+    """
+
+    key: str = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    options: tuple[Any, ...]
+
+    def __init__(self, key: str, options: Mapping[str, Any]):
+        """**Arguments:** the key ("image", "swing", "view" or "strip") and the options by name: links, or cameras."""
+        if key not in KEYS:
+            raise WhiskjaxError(f"options are told apart by one of {', '.join(KEYS)}, not {key!r}")
+        if not options:
+            raise WhiskjaxError(f"By({key!r}) needs at least one option")
+        self.key, self.names, self.options = key, tuple(options), tuple(options.values())
+
+    def __getitem__(self, name: str) -> Any:
+        """The option of this name."""
+        if name not in self.names:
+            raise WhiskjaxError(f"no {self.key} named {name!r}; there are {', '.join(self.names)}")
+        return self.options[self.names.index(name)]
+
+    def _key_of(self, shot: Shot) -> Any:
+        value = getattr(shot, self.key)
+        if value is None:
+            raise WhiskjaxError(f"the shot has no {self.key}, which tells {' and '.join(self.names)} apart: Shot({self.key}=...)")
+        if isinstance(value, int) and not 0 <= value < len(self.options):
+            raise WhiskjaxError(
+                f"{self.key} {value} does not exist; there are 0 to {len(self.options) - 1} ({', '.join(self.names)})"
+            )
+        return value
+
+    def chosen(self, shot: Shot) -> Any:
+        """The one option that acts where all shots share the key, else this link itself."""
+        key = self._key_of(shot)
+        return self.options[key].chosen(shot) if isinstance(key, int) else self
+
+    def pose(self, shot: Shot) -> Pose:
+        """The pose of the option of each shot."""
+        key = self._key_of(shot)
+        if isinstance(key, int):
+            return self.options[key].pose(shot)
+        return _select(key, [option.pose(shot) for option in self.options])
+
+    def at(self, shot: Shot) -> Any:
+        """The camera of each shot, where the options are cameras."""
+        key = self._key_of(shot)
+        if isinstance(key, int):
+            return self.options[key].at(shot)
+        cameras = [option.at(shot) for option in self.options]
+        if len({jax.tree.structure(c) for c in cameras}) > 1:
+            raise WhiskjaxError(
+                f"the cameras of the {self.key}s differ in kind, so they cannot be mixed in one batch: make one batch for each "
+                f"{self.key}, with a Python int as its key"
+            )
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves)[key], *cameras)
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether the key exists, and the option's own check."""
+        key = self._key_of(shot)
+        if isinstance(key, int):
+            return self.options[key].check(shot)
+        result = RESULTS.unknown_key
+        for i, option in enumerate(self.options):
+            result = choose(key == i, option.check(shot), result)
+        return result
+
+
+def _select(key: Any, choices: list[Pose]) -> Pose:
+    """The pose of each element, component by component; what is the same structural number in all of them stays structural."""
+
+    def pick(*leaves: Component) -> Component:
+        if all(type(leaf) is int for leaf in leaves) and len(set(leaves)) == 1:
+            return leaves[0]
+        value = leaves[-1]
+        for i, leaf in reversed(list(enumerate(leaves[:-1]))):
+            value = jnp.where(key == i, leaf, value)
+        return value
+
+    return jax.tree.map(pick, *choices)

@@ -1,0 +1,205 @@
+"""What every camera is, and the frame camera.
+
+The camera frame is photogrammetric: a direction q is imaged at (x, y, -f) with x = -f q_x/q_z, y = -f q_y/q_z; the camera looks
+along -z. Pixels are (sample or column, line or row).
+"""
+
+import abc
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..algebra.vectors import Component, Vec2, Vec3
+from ..rules import RESULTS, WhiskjaxError
+from ..rules.results import choose, failure_if
+from .shot import Shot
+
+
+def parameter(value: Any) -> Any:
+    """A camera constant as a float array, None left alone."""
+    return None if value is None else jnp.asarray(value, dtype=float)
+
+
+def positive_focal(focal_px: Any) -> None:
+    """Refuse a focal length that is not positive; silent while tracing or inside tree operations."""
+    if isinstance(focal_px, np.ndarray | jax.Array) and not isinstance(focal_px, jax.core.Tracer):
+        if not bool(np.all(np.asarray(focal_px) > 0)):
+            raise WhiskjaxError(f"the focal length is a positive number of pixels, not {np.asarray(focal_px)}")
+
+
+class AbstractCamera(eqx.Module):
+    """Pixel <-> direction in the camera frame."""
+
+    is_line: eqx.AbstractClassVar[bool]
+
+    @abc.abstractmethod
+    def at(self, shot: Shot) -> "AbstractCamera":
+        """The camera as it was at each shot (a zoom lens has a focal length for each image)."""
+
+    @abc.abstractmethod
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether there is a camera for each shot."""
+
+    @abc.abstractmethod
+    def pixel(self, q: Vec3) -> Vec2:
+        """Where a direction of the camera frame is imaged."""
+
+    @abc.abstractmethod
+    def direction(self, pixel: Vec2) -> Vec3:
+        """The direction, of any length, that is imaged at a pixel."""
+
+    @abc.abstractmethod
+    def check_direction(self, q: Vec3) -> RESULTS:
+        """Whether the direction can be imaged at all."""
+
+    @abc.abstractmethod
+    def check_pixel(self, pixel: Vec2) -> RESULTS:
+        """Whether the pixel has a direction."""
+
+    @abc.abstractmethod
+    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
+        """Whether the pixel lies on the detector, where its size is known."""
+
+    @abc.abstractmethod
+    def miss(self, q: Vec3) -> Component:
+        """For line cameras: a signed measure of how far a direction lies beside the line, monotone over half a turn.
+
+        It vanishes where the direction is imaged on the line, and is the tangent of half the angle, so that the search for the
+        time of exposure meets neither the pole of the image coordinate nor a flat top.
+        """
+
+
+class FrameCamera(AbstractCamera):
+    """A frame camera: column = c_x + x, row = c_y - y, with Brown-Conrady distortion.
+
+    With u = x/f to the right, v = -y/f downwards and r^2 = u^2 + v^2, the distorted coordinates are
+    u (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 u v + p2 (r^2 + 2 u^2) and likewise v with p1 and p2 exchanged (Brown 1971).
+
+    **Arguments:**
+
+    - `focal_px`: focal length in pixels, () or (n_images,) for a zoom lens.
+    - `principal_point_px`: column and row of the principal point in the flight's pixel coordinates.
+    - `distortion`: (k1, k2, k3, p1, p2) or None.
+    - `size_px`: columns and rows of the detector, or None where it does not matter.
+    """
+
+    is_line: ClassVar[bool] = False
+    focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
+    principal_point_px: Float[Array, "*batch 2"] = eqx.field(converter=parameter)
+    distortion: Float[Array, "*batch 5"] | None = eqx.field(default=None, converter=parameter)
+    size_px: Float[Array, "*batch 2"] | None = eqx.field(default=None, converter=parameter)
+    per_image: bool = eqx.field(default=False, static=True)
+
+    def __check_init__(self):
+        positive_focal(self.focal_px)
+
+    def at(self, shot: Shot) -> "FrameCamera":
+        """With the focal length of each shot's image, where there is one for each image."""
+        if not self.per_image:
+            return self
+        if shot.image is None:
+            raise WhiskjaxError("the focal length differs per image, but the shot has no image: Shot(image=...)")
+        return FrameCamera(self.focal_px[shot.image], self.principal_point_px, self.distortion, self.size_px)
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether the image has a focal length, where there is one for each image."""
+        if not self.per_image or shot.image is None:
+            return RESULTS.successful
+        known = (shot.image >= 0) & (shot.image < self.focal_px.shape[-1])
+        return failure_if(jnp.logical_not(known), RESULTS.unknown_key)
+
+    def _distort(self, u: Component, v: Component) -> Vec2:
+        if self.distortion is None:
+            return u, v
+        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
+            v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
+        )
+
+    def _undistort_step(self, u: Component, v: Component, target: Vec2) -> Vec2:
+        """One Newton step towards the coordinates whose distortion is the target."""
+        assert self.distortion is not None
+        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+        du, dv = self._distort(u, v)
+        a = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
+        b = slope * u * v + 2 * p1 * u + 2 * p2 * v
+        d = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
+        w = 1 / (a * d - b * b)
+        eu, ev = target[0] - du, target[1] - dv
+        return u + (d * eu - b * ev) * w, v + (a * ev - b * eu) * w
+
+    def _undistort(self, target: Vec2) -> Vec2:
+        if self.distortion is None:
+            return target
+        fixed = jax.lax.stop_gradient((self, target))
+        u, v = fixed[1]
+        for _ in range(6):
+            u, v = fixed[0]._undistort_step(u, v, fixed[1])
+        u, v = jax.lax.stop_gradient((u, v))
+        # The iteration is differentiated by its last step alone: at the solution that is the implicit derivative.
+        return self._undistort_step(u, v, target)
+
+    def _principal(self) -> Vec2:
+        return self.principal_point_px[..., 0], self.principal_point_px[..., 1]
+
+    def pixel(self, q: Vec3) -> Vec2:
+        """(column, row) of a direction."""
+        w = -1 / q[2]
+        u, v = self._distort(q[0] * w, -q[1] * w)
+        cx, cy = self._principal()
+        return cx + self.focal_px * u, cy + self.focal_px * v
+
+    def direction(self, pixel: Vec2) -> Vec3:
+        """Direction of a (column, row)."""
+        cx, cy = self._principal()
+        u, v = self._undistort(((pixel[0] - cx) / self.focal_px, (pixel[1] - cy) / self.focal_px))
+        return u, -v, -1
+
+    def _unfolded(self, u: Component, v: Component) -> Bool[Array, "..."] | bool:
+        """Inside the radius where the distorted radius still grows, beyond which the model images points twice."""
+        if self.distortion is None:
+            return True
+        k1, k2, k3 = (self.distortion[..., i] for i in range(3))
+        r2 = u * u + v * v
+        return 1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) > 0
+
+    def check_direction(self, q: Vec3) -> RESULTS:
+        """In front of the camera, and inside the invertible radius."""
+        behind = ~(q[2] < 0)  # pyright: ignore[reportOperatorIssue]
+        w = -1 / jnp.where(behind, -1.0, q[2])
+        folded = jnp.logical_not(self._unfolded(q[0] * w, q[1] * w))
+        result = failure_if(folded, RESULTS.distortion_not_invertible)
+        return choose(behind, RESULTS.point_behind_camera, result)
+
+    def check_pixel(self, pixel: Vec2) -> RESULTS:
+        """Whether undistorting converged inside the invertible radius."""
+        if self.distortion is None:
+            return RESULTS.successful
+        cx, cy = self._principal()
+        target = ((pixel[0] - cx) / self.focal_px, (pixel[1] - cy) / self.focal_px)
+        u, v = self._undistort(target)
+        du, dv = self._distort(u, v)
+        close = jnp.maximum(jnp.abs(du - target[0]), jnp.abs(dv - target[1])) * self.focal_px < 1e-6
+        return failure_if(~(close & self._unfolded(u, v)), RESULTS.distortion_not_invertible)
+
+    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
+        """Inside the frame."""
+        if self.size_px is None:
+            return True
+        wide, high = self.size_px[..., 0], self.size_px[..., 1]
+        column, row = pixel
+        return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
+
+    def miss(self, q: Vec3) -> Component:
+        """A frame camera has no line."""
+        raise WhiskjaxError("a frame camera exposes the whole image at once: there is no line to search")

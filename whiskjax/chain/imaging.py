@@ -1,0 +1,168 @@
+"""Imaging, written once for every instrument: ray (pixel -> line of sight) and project (ground point -> pixel).
+
+`sight` and `image` are the chain itself, on components. `ray`, `project` and `image_to_ground` are the doors: arrays in, arrays
+and a result code out. `ground_to_image` stands in search.py, because a line camera has to look for the time.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import ZERO, Component, Vec2, Vec3, hold, norm, scale, stack, unstack
+from ..earth.surface import AbstractSurface
+from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
+from ..rules.results import failure_if, is_successful
+from .sensor import Sensor
+from .shot import Shot
+
+
+class Ray(NamedTuple):
+    """A line of sight in the world frame: origin (..., 3) in metres, unit direction (..., 3)."""
+
+    origin_m: Float[Array, "... 3"]
+    direction: Float[Array, "... 3"]
+    result: RESULTS
+
+
+class Projection(NamedTuple):
+    """Where a point is imaged: (sample or column, line offset or row), (..., 2)."""
+
+    pixel_px: Float[Array, "... 2"]
+    result: RESULTS
+
+
+class GroundPoint(NamedTuple):
+    """Where a pixel looks: a point of the world frame in metres, (..., 3)."""
+
+    point_m: Float[Array, "... 3"]
+    result: RESULTS
+
+
+def sight(sensor: Sensor, shot: Shot, pixel: Vec2) -> tuple[Vec3, Vec3]:
+    """Origin and direction (any length) of a pixel's line of sight, as components: one pass outwards, no 3x3 product."""
+    origin, direction = ZERO, sensor.camera_at(shot).direction(pixel)
+    for link in reversed(sensor.links):
+        pose = link.pose(shot)
+        origin, direction = pose.point(origin), pose.direction(direction)
+    return origin, direction
+
+
+def into_camera(sensor: Sensor, shot: Shot, point: Vec3) -> Vec3:
+    """A ground point in the camera frame, as components: one pass inwards."""
+    for link in sensor.links:
+        point = link.pose(shot).into(point)
+    return point
+
+
+def image(sensor: Sensor, shot: Shot, point: Vec3) -> Vec2:
+    """Pixel of a ground point, as components."""
+    return sensor.camera_at(shot).pixel(into_camera(sensor, shot, point))
+
+
+def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "... n"]:
+    """The components as an array, NaN where the result is not a success.
+
+    Held first: XLA would otherwise compute the whole chain once for each component that is stacked.
+    """
+    components, result = hold((components, result))
+    ok = is_successful(result)
+    return stack([jnp.where(ok, c, jnp.nan) for c in components])
+
+
+def parts(value: Any, size: int, what: str) -> tuple[Float[Array, "..."], ...]:
+    """The components of an array (..., size) of absolute coordinates."""
+    require_x64(what)
+    value = jnp.asarray(value, dtype=jnp.float64)
+    if value.shape[-1:] != (size,):
+        raise WhiskjaxError(f"{what}: the last axis has {size} entries, but the shape is {value.shape}")
+    return unstack(value)
+
+
+@eqx.filter_jit
+def _ray(sensor: Sensor, shot: Shot, pixel: Vec2) -> Ray:
+    origin, direction = sight(sensor, shot, pixel)
+    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel))
+    return Ray(finish(origin, result), finish(scale(1 / norm(direction), direction), result), result)
+
+
+def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], *, throw: bool = True) -> Ray:
+    """Line of sight of a pixel.
+
+    **Arguments:**
+
+    - `shot`: its fields broadcast against the pixels' batch shape.
+    - `pixel_px`: (sample, line offset) of a line camera or (column, row) of a frame camera, (..., 2).
+    - `throw`: raise outside `jit` where a shot or pixel fails; else look at `result`, and values are NaN.
+
+    **Returns:** `Ray`, in the world frame.
+
+    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    """
+    answer = _ray(sensor, shot, parts(pixel_px, 2, "ray"))  # pyright: ignore[reportArgumentType]
+    if throw:
+        raise_failures(answer.result, "ray")
+    return answer
+
+
+@eqx.filter_jit
+def _project(sensor: Sensor, shot: Shot, point: Vec3) -> Projection:
+    camera = sensor.camera_at(shot)
+    q = into_camera(sensor, shot, point)
+    result = first_failure(sensor.check(shot), camera.check_direction(q))
+    return Projection(finish(camera.pixel(q), result), result)
+
+
+def project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"], *, throw: bool = True) -> Projection:
+    """Pixel of a ground point at the shot's own time (the collinearity equations: paper 000, equation 9).
+
+    For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
+    finds the time when it is imaged on the line. Whether the pixel lies on the detector is not asked here.
+
+    **Arguments:**
+
+    - `shot`: its fields broadcast against the points' batch shape.
+    - `point_m`: world frame, metres, (..., 3).
+    - `throw`: raise outside `jit` where a shot or point fails; else look at `result`, and values are NaN.
+
+    **Returns:** `Projection`.
+
+    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    """
+    answer = _project(sensor, shot, parts(point_m, 3, "project"))  # pyright: ignore[reportArgumentType]
+    if throw:
+        raise_failures(answer.result, "project")
+    return answer
+
+
+@eqx.filter_jit
+def _image_to_ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractSurface) -> GroundPoint:
+    origin, direction = sight(sensor, shot, pixel)
+    point, hit = surface.intersect(origin, direction)
+    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), hit)
+    nonfinite = failure_if(~jnp.isfinite(point[0] + point[1] + point[2]), RESULTS.nonfinite)
+    result = first_failure(result, nonfinite)
+    return GroundPoint(finish(point, result), result)
+
+
+def image_to_ground(
+    sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], surface: AbstractSurface, *, throw: bool = True
+) -> GroundPoint:
+    """Where on a surface a pixel looks.
+
+    **Arguments:**
+
+    - `shot`: its fields broadcast against the pixels' batch shape.
+    - `pixel_px`: (sample, line offset) of a line camera or (column, row) of a frame camera, (..., 2).
+    - `surface`: `HeightSurface` (ECEF world), `Plane`, or anything with their interface.
+    - `throw`: raise outside `jit` where a ray fails; else look at `result`, and values are NaN.
+
+    **Returns:** `GroundPoint`.
+
+    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    """
+    answer = _image_to_ground(sensor, shot, parts(pixel_px, 2, "image_to_ground"), surface)  # pyright: ignore[reportArgumentType]
+    if throw:
+        raise_failures(answer.result, "image_to_ground")
+    return answer

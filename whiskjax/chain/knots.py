@@ -1,0 +1,89 @@
+"""Recorded times: which two samples surround a time, without extrapolation and without bridging gaps."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..rules import RESULTS, WhiskjaxError
+from ..rules.results import choose
+
+_MOST_STEPS = 8
+
+
+class Knots(eqx.Module):
+    """Strictly increasing sample times, with a table that finds the interval of a time in a few loads.
+
+    The span is cut into buckets about as wide as the closest samples; a bucket knows the last sample before it, and the few
+    samples inside it are stepped over. POS at an even rate needs one step, where a binary search needs log2(n).
+    """
+
+    time_s: Float[Array, " n"]
+    is_gap: Bool[Array, " n-1"]
+    before_bucket: Int[Array, " m"]
+    buckets_per_s: Float[Array, ""]
+    steps: int = eqx.field(static=True)
+
+    def __init__(self, time_s: Float[Array, " n"], max_gap_s: float, what: str):
+        """**Arguments:**
+
+        - `time_s`: strictly increasing, seconds, at least two.
+        - `max_gap_s`: a longer interval is a gap, and asking for a time inside it fails.
+        - `what`: whose times these are, for messages.
+
+        **Raises:** `WhiskjaxError` naming the first sample that is not finite or not later than the one before it.
+        """
+        t = np.asarray(time_s, dtype=np.float64)
+        if t.ndim != 1 or len(t) < 2:
+            raise WhiskjaxError(f"{what}: at least two sample times are needed to interpolate, got shape {t.shape}")
+        if not np.isfinite(t).all():
+            raise WhiskjaxError(f"{what}: the time of sample {int(np.argmin(np.isfinite(t)))} is not a finite number")
+        if not max_gap_s > 0:
+            raise WhiskjaxError(f"{what}: max_gap_s must be positive, got {max_gap_s}")
+        steps = np.diff(t)
+        if (steps <= 0).any():
+            i = int(np.argmax(steps <= 0))
+            kind = "repeats" if steps[i] == 0 else "is earlier than"
+            raise WhiskjaxError(
+                f"{what}: times must increase, but the time of sample {i + 1} ({t[i + 1]!r} s) {kind} that of sample {i} "
+                f"({t[i]!r} s); sort the samples and remove duplicates"
+            )
+        span = t[-1] - t[0]
+        buckets = int(np.clip(np.ceil(span / steps.min()), 1, 64 * len(t)))
+        edges = t[0] + np.arange(buckets) * (span / buckets)
+        # A hair early, so that rounding of the bucket number can only cost a step, never skip a sample.
+        before = np.clip(np.searchsorted(t, edges - 1e-9 * span / buckets, side="right") - 1, 0, len(t) - 2)
+        after = np.append(before[1:], len(t) - 2)
+        self.time_s = jnp.asarray(t)
+        self.is_gap = jnp.asarray(steps > max_gap_s)
+        self.before_bucket = jnp.asarray(before, dtype=jnp.int32)
+        self.buckets_per_s = jnp.asarray(buckets / span)
+        self.steps = int((after - before).max()) + 1
+
+    def locate(self, t: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+        """Index of the sample at or before each time, the fraction of the interval that has passed, and its length in seconds.
+
+        Outside the record the nearest interval is used; `check` is what refuses such times.
+        """
+        last = self.time_s.shape[0] - 2
+        if self.steps > _MOST_STEPS:
+            i = jnp.clip(jnp.searchsorted(self.time_s, t, side="right").astype(jnp.int32) - 1, 0, last)
+        else:
+            bucket = ((t - self.time_s[0]) * self.buckets_per_s).astype(jnp.int32)
+            i = self.before_bucket[jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1)]
+            for _ in range(self.steps):
+                i = jnp.minimum(i + (self.time_s[i + 1] <= t).astype(jnp.int32), last)
+        start = self.time_s[i]
+        length = self.time_s[i + 1] - start
+        return i, (t - start) / length, length
+
+    def check(self, t: Float[Array, "..."]) -> RESULTS:
+        """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""
+        i, w, _ = self.locate(t)
+        outside = ~((t >= self.time_s[0]) & (t <= self.time_s[-1]))
+        gap = self.is_gap[i] & (w > 0) & (w < 1)
+        return choose(
+            outside,
+            RESULTS.time_outside_trajectory,
+            choose(gap, RESULTS.time_in_gap, RESULTS.successful),
+        )

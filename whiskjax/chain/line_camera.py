@@ -1,0 +1,213 @@
+"""Line cameras: a detector line in the focal plane, or a table of looks."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale
+from ..rules import RESULTS, WhiskjaxError
+from ..rules.results import failure_if
+from .camera import AbstractCamera, parameter, positive_focal
+from .shot import Shot
+
+
+class LineCamera(AbstractCamera):
+    """A detector line in the focal plane, along x or along y.
+
+    Pixels are (sample, line offset): the sample along the detector, and how far across it in pixels the point is imaged, zero
+    when the shot's time is exactly right. Sample s lies at along = along_sign (s - principal_sample_px) and across = offset_px,
+    plus, with self-calibration, two cubics in (s - principal) / half_width_px: the detector line as it really lies.
+
+    **Arguments:**
+
+    - `focal_px`: focal length in pixels.
+    - `principal_sample_px`: the sample that lies at the principal point.
+    - `offset_px`: where the line lies across the focal plane (a view of a three-line camera: f tan(view)).
+    - `along`: "x" or "y", the image axis along the detector.
+    - `along_sign`, `across_sign`: +1 or -1; across_sign tells on which side the line offset counts positive (a whiskbroom's
+      image y = s * camera y, with s by swing, is `across_sign` = s).
+    - `deformation_px`: (2, 4), along and across, coefficients of 1, s, s^2, s^3; or None.
+    - `samples_px`: first and last sample of the detector, or None where it does not matter.
+    """
+
+    is_line: ClassVar[bool] = True
+    focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
+    principal_sample_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
+    offset_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
+    along_sign: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
+    across_sign: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
+    deformation_px: Float[Array, "*batch 2 4"] | None = eqx.field(default=None, converter=parameter)
+    half_width_px: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
+    samples_px: Float[Array, "*batch 2"] | None = eqx.field(default=None, converter=parameter)
+    along: str = eqx.field(default="x", static=True)
+
+    def __check_init__(self):
+        positive_focal(self.focal_px)
+        if self.along not in ("x", "y"):
+            raise WhiskjaxError(f"a detector line lies along x or y, not {self.along!r}")
+
+    def at(self, shot: Shot) -> "LineCamera":
+        """The same for every shot."""
+        return self
+
+    def check(self, shot: Shot) -> RESULTS:
+        """The same for every shot."""
+        return RESULTS.successful
+
+    def _axes(self, q: Vec3) -> Vec2:
+        return (q[0], q[1]) if self.along == "x" else (q[1], q[0])
+
+    def _deformation(self, s: Component) -> Vec2:
+        if self.deformation_px is None:
+            return 0, 0
+        u = s / self.half_width_px
+        along, across = (
+            self.deformation_px[..., i, 0]
+            + u * (self.deformation_px[..., i, 1] + u * (self.deformation_px[..., i, 2] + u * self.deformation_px[..., i, 3]))
+            for i in (0, 1)
+        )
+        return along, across
+
+    def _sample(self, along: Component) -> Component:
+        """The centred sample whose deformed position is `along`; the deformation is small, each pass gains its slope."""
+        s = along
+        if self.deformation_px is not None:
+            for _ in range(4):
+                s = along - self._deformation(s)[0]
+        return s
+
+    def pixel(self, q: Vec3) -> Vec2:
+        """(sample, line offset) of a direction."""
+        a, c = self._axes(q)
+        w = -self.focal_px / q[2]
+        s = self._sample(self.along_sign * (a * w))
+        return self.principal_sample_px + s, self.across_sign * (c * w - self.offset_px - self._deformation(s)[1])
+
+    def direction(self, pixel: Vec2) -> Vec3:
+        """Direction of a (sample, line offset)."""
+        s = pixel[0] - self.principal_sample_px
+        d_along, d_across = self._deformation(s)
+        a = self.along_sign * (s + d_along)
+        c = self.across_sign * pixel[1] + self.offset_px + d_across
+        return (a, c, -self.focal_px) if self.along == "x" else (c, a, -self.focal_px)
+
+    def check_direction(self, q: Vec3) -> RESULTS:
+        """In front of the camera."""
+        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)  # pyright: ignore[reportOperatorIssue]
+
+    def check_pixel(self, pixel: Vec2) -> RESULTS:
+        """Every pixel has a direction."""
+        return RESULTS.successful
+
+    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
+        """Between the first and the last sample."""
+        if self.samples_px is None:
+            return True
+        return (pixel[0] >= self.samples_px[..., 0] - 0.5) & (pixel[0] <= self.samples_px[..., 1] + 0.5)
+
+    def miss(self, q: Vec3) -> Component:
+        """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
+        a, c = self._axes(q)
+        place = self.offset_px
+        if self.deformation_px is not None:
+            place = place + self._deformation(self._sample(-self.along_sign * self.focal_px * a / q[2]))[1]
+        # The line's plane contains (c, z) = (place, -f): sine and cosine of the angle around the line, up to one factor.
+        f = self.focal_px
+        sine, cosine = c * f + q[2] * place, c * place - q[2] * f
+        return self.across_sign * sine / (norm((sine, cosine)) + cosine)
+
+
+class LookTable(AbstractCamera):
+    """Measured look directions of the samples of a line camera, linear between samples.
+
+    Pixels are (sample, line offset) as in `LineCamera`; beyond the first and last look the end segments go on for `pixel`, and
+    `sees` says that the sample is not on the detector.
+
+    **Arguments:**
+
+    - `sample_px`: (n,), strictly increasing.
+    - `direction`: (n, 3) in the camera frame (looking along -z), any length.
+    """
+
+    is_line: ClassVar[bool] = True
+    sample_px: Float[Array, " n"]
+    slope: Float[Array, "n 2"]  # image point at focal length 1: (-x/z, -y/z)
+
+    def __init__(self, sample_px: Any, direction: Any):
+        sample, d = np.asarray(sample_px, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+        if sample.ndim != 1 or len(sample) < 2 or d.shape != (len(sample), 3):
+            raise WhiskjaxError(f"a look table has at least two samples and as many directions, got {sample.shape} and {d.shape}")
+        if not (np.diff(sample) > 0).all():
+            raise WhiskjaxError("the samples of a look table must increase")
+        if not (d[:, 2] < 0).all():
+            raise WhiskjaxError("a look table looks along -z: the z of every direction is negative (use an Axes link before it)")
+        slope = d[:, :2] / -d[:, 2:]
+        chord = slope[-1] - slope[0]
+        if not (np.diff(slope @ chord) > 0).all():
+            raise WhiskjaxError("the looks of a look table must advance along the detector from sample to sample")
+        self.sample_px, self.slope = jnp.asarray(sample), jnp.asarray(slope)
+
+    def at(self, shot: Shot) -> "LookTable":
+        """The same for every shot."""
+        return self
+
+    def check(self, shot: Shot) -> RESULTS:
+        """The same for every shot."""
+        return RESULTS.successful
+
+    def _segment(self, i: Any) -> tuple[Vec2, Vec2, Component]:
+        """Start, step per sample and first sample of segment i."""
+        x, y = self.slope[:, 0], self.slope[:, 1]
+        length = self.sample_px[i + 1] - self.sample_px[i]
+        return (x[i], y[i]), ((x[i + 1] - x[i]) / length, (y[i + 1] - y[i]) / length), self.sample_px[i]
+
+    def _find(self, q: Vec3) -> tuple[Any, Vec2]:
+        """Segment that a direction belongs to, by its place along the chord, and the image point at focal length 1."""
+        point = -q[0] / q[2], -q[1] / q[2]
+        chord = self.slope[-1] - self.slope[0]
+        knots = self.slope @ chord
+        place = point[0] * chord[0] + point[1] * chord[1]
+        i = jnp.searchsorted(knots, place, side="right").astype(jnp.int32) - 1
+        return jnp.clip(i, 0, self.sample_px.shape[0] - 2), point
+
+    def pixel(self, q: Vec3) -> Vec2:
+        """(sample, line offset) of a direction; the offset is in units of the segment's sample spacing."""
+        i, point = self._find(q)
+        start, step, first = self._segment(i)
+        dx, dy = point[0] - start[0], point[1] - start[1]
+        w = 1 / (step[0] * step[0] + step[1] * step[1])
+        return first + (dx * step[0] + dy * step[1]) * w, (step[0] * dy - step[1] * dx) * w
+
+    def direction(self, pixel: Vec2) -> Vec3:
+        """Direction of a (sample, line offset)."""
+        i = jnp.searchsorted(self.sample_px, pixel[0], side="right").astype(jnp.int32) - 1
+        start, step, first = self._segment(jnp.clip(i, 0, self.sample_px.shape[0] - 2))
+        s, c = pixel[0] - first, pixel[1]
+        return start[0] + s * step[0] - c * step[1], start[1] + s * step[1] + c * step[0], -1
+
+    def check_direction(self, q: Vec3) -> RESULTS:
+        """In front of the camera."""
+        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)  # pyright: ignore[reportOperatorIssue]
+
+    def check_pixel(self, pixel: Vec2) -> RESULTS:
+        """Every pixel has a direction."""
+        return RESULTS.successful
+
+    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
+        """Between the first and the last look."""
+        return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
+
+    def miss(self, q: Vec3) -> Component:
+        """Tangent of half the angle between the direction and the plane of its segment."""
+        i, _ = self._find(q)
+        start, step, _ = self._segment(i)
+        # Unit vectors: along the segment, normal to the plane that it spans with the projection centre, and the third.
+        w = 1 / norm(step)
+        along: Vec3 = (step[0] * w, step[1] * w, 0)
+        normal: Vec3 = (-along[1], along[0], along[0] * start[1] - along[1] * start[0])
+        normal = scale(1 / norm(normal), normal)
+        sine, cosine = dot(normal, q), dot(cross(normal, along), q)
+        return sine / (norm((sine, cosine)) + cosine)

@@ -1,0 +1,40 @@
+"""When each line of an image was exposed."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..rules import WhiskjaxError
+
+
+class LineTimes(eqx.Module):
+    """Line numbers and their times, both strictly increasing, linear in between; times outside give NaN, never a guess."""
+
+    line: Float[Array, " k"]
+    time_s: Float[Array, " k"]
+
+    def __init__(self, line: Any, time_s: Any, image: str = "image"):
+        """**Raises:** `WhiskjaxError` where lines or times do not increase; `image` is named in the message."""
+        line, time = np.asarray(line, dtype=np.float64), np.asarray(time_s, dtype=np.float64)
+        if line.ndim != 1 or line.shape != time.shape or len(line) < 2:
+            raise WhiskjaxError(f"{image}: at least two lines with their times are needed, got {line.shape} and {time.shape}")
+        for name, value in (("lines", line), ("times", time)):
+            if not (np.diff(value) > 0).all():
+                raise WhiskjaxError(f"{image}: the {name} of its line table must increase")
+        self.line, self.time_s = jnp.asarray(line), jnp.asarray(time)
+
+    def time_at(self, line: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Time in seconds when a line was exposed."""
+        return jnp.interp(line, self.line, self.time_s, left=jnp.nan, right=jnp.nan)
+
+    def line_at(self, time_s: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Line that was exposed at a time."""
+        return jnp.interp(time_s, self.time_s, self.line, left=jnp.nan, right=jnp.nan)
+
+    @property
+    def window_s(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """First and last time: what `ground_to_image` searches."""
+        return self.time_s[0], self.time_s[-1]

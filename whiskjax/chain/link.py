@@ -1,0 +1,54 @@
+"""What every link is: a function from a shot to the pose outer_from_inner."""
+
+import abc
+
+import equinox as eqx
+
+from ..algebra.vectors import Mat3
+from ..rules import RESULTS
+from .pose import Pose
+from .shot import Shot
+
+
+class AbstractLink(eqx.Module):
+    """One link of the chain, from the Earth inwards to the camera."""
+
+    @abc.abstractmethod
+    def pose(self, shot: Shot) -> Pose:
+        """Pose outer_from_inner of each shot."""
+
+    @abc.abstractmethod
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether the link knows the pose of each shot."""
+
+    def chosen(self, shot: Shot) -> "AbstractLink":
+        """The link that acts on these shots, where that is known before tracing; a link that makes no choice is itself."""
+        return self
+
+
+class Given(AbstractLink):
+    """A pose that the shot already carries: what `bake` leaves behind."""
+
+    index: int = eqx.field(static=True)
+
+    def pose(self, shot: Shot) -> Pose:
+        """The pose in the shot."""
+        return shot.poses[self.index]
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Checked when it was baked."""
+        return RESULTS.successful
+
+
+class Fixed(AbstractLink):
+    """A constant rotation that nobody estimates."""
+
+    rotation: Mat3
+
+    def pose(self, shot: Shot) -> Pose:
+        """The same for every shot."""
+        return Pose(self.rotation)
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Always known."""
+        return RESULTS.successful

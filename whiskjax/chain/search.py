@@ -1,0 +1,141 @@
+"""Ground -> image: for a line camera, the time when a point is imaged on the detector line."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Component, Vec3
+from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
+from ..rules.results import failure_if
+from .camera import AbstractCamera
+from .imaging import finish, into_camera, parts
+from .sensor import Sensor
+from .shot import Shot
+
+# Bracketed secant steps. Each uses one evaluation of the chain; on the whiskbroom's 3 s swing of 100 deg, 3 leave 4e-4 px and 4
+# leave 2e-11 px (tests/chain/test_search.py counts them); one more is spent on the derivative.
+_STEPS = 5
+
+
+class ImagePoint(NamedTuple):
+    """Where and when a point is imaged: pixel (..., 2) and time (...) in seconds."""
+
+    pixel_px: Float[Array, "... 2"]
+    time_s: Float[Array, "..."]
+    result: RESULTS
+
+
+def _miss(sensor: Sensor, shot: Shot, point: Vec3, t: Component) -> Component:
+    at = dataclasses.replace(shot, time_s=t)
+    return sensor.camera_at(at).miss(into_camera(sensor, at, point))
+
+
+def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component) -> tuple[Component, RESULTS]:
+    """The time in [start, stop] when a point lies in the plane of the detector line, as components.
+
+    Safeguarded secant (regula falsi with the Anderson-Bjorck weight) inside a bracket: Newton cycles at the kinks of linearly
+    interpolated POS, bisection is slow. The derivative is implicit, one Newton step from the solution:
+    dt = -(d miss / d everything else) / (d miss / d t).
+    """
+    fixed_sensor, fixed_shot, fixed_point = jax.lax.stop_gradient((sensor, shot, point))
+
+    def miss(t):
+        return _miss(fixed_sensor, fixed_shot, fixed_point, t)
+
+    # A batch shape that holds the point, the shot and the window.
+    zero = sum((jnp.zeros_like(c) for c in fixed_point), jnp.zeros(()))
+    a, b = start_s + zero, stop_s + zero
+    fa, fb = miss(a), miss(b)
+    crossed = fa * fb <= 0
+
+    def step(_, state):
+        a, b, fa, fb = state
+        # a is the older end of the bracket, b the newest point.
+        slope = fb - fa
+        t = b - fb * (b - a) / jnp.where(slope == 0, 1.0, slope)
+        ft = miss(t)
+        other_side = ft * fb <= 0
+        m = 1 - ft / jnp.where(fb == 0, 1.0, fb)
+        weight = jnp.where(m > 0, m, 0.5)
+        return jnp.where(other_side, b, a), t, jnp.where(other_side, fb, weight * fa), ft
+
+    _, t, _, _ = jax.lax.fori_loop(0, _STEPS, step, (a, b, fa, fb))
+    t = jax.lax.stop_gradient(t)
+    value, rate = jax.jvp(lambda t: _miss(sensor, shot, point, t), (t,), (jnp.ones_like(t),))
+    rate = jax.lax.stop_gradient(jnp.where(rate == 0, 1.0, rate))
+    t = t - jnp.where(crossed, value / rate, 0.0)
+    return t, failure_if(~crossed, RESULTS.outside_swath)
+
+
+@eqx.filter_jit
+def _ground_to_image(
+    sensor: Sensor, shot: Shot, point: Vec3, window_s: tuple[Component, Component] | None, clip: bool
+) -> ImagePoint:
+    result = RESULTS.successful
+    if window_s is not None:
+        t, result = exposure_time(sensor, shot, point, *window_s)
+        start, stop = (sensor.check(dataclasses.replace(shot, time_s=w + jnp.zeros_like(t))) for w in window_s)
+        result = first_failure(start, stop, result)
+        shot = dataclasses.replace(shot, time_s=t)
+    camera: AbstractCamera = sensor.camera_at(shot)
+    q = into_camera(sensor, shot, point)
+    pixel = camera.pixel(q)
+    result = first_failure(result, sensor.check(shot), camera.check_direction(q))
+    if clip:
+        result = first_failure(result, failure_if(jnp.logical_not(camera.sees(pixel)), RESULTS.outside_swath))
+    time = jnp.zeros_like(pixel[0]) if shot.time_s is None else shot.time_s + jnp.zeros_like(pixel[0])
+    return ImagePoint(finish(pixel, result), finish((time,), result)[..., 0], result)
+
+
+def ground_to_image(
+    sensor: Sensor,
+    shot: Shot,
+    point_m: Float[Array, "... 3"],
+    window_s: tuple[Float[Array, "..."], Float[Array, "..."]] | None = None,
+    *,
+    clip: bool = True,
+    throw: bool = True,
+) -> ImagePoint:
+    """Where and when a ground point is imaged.
+
+    A frame camera needs no window: the point is projected at the shot's time. For a line camera the time is searched between the
+    two ends of the window (one swing, one strip), which the trajectory has to cover without a gap.
+
+    **Arguments:**
+
+    - `shot`: the keys (and, for frame cameras, the image or time); its fields broadcast against the points' batch shape.
+    - `point_m`: world frame, metres, (..., 3).
+    - `window_s`: first and last time in seconds, each () or (...); line cameras only.
+    - `clip`: flag points that fall beside the detector; needs the detector's size in the camera.
+    - `throw`: raise outside `jit` where a point fails; else look at `result`, and values are NaN.
+
+    **Returns:** `ImagePoint`; the line offset of a line camera is zero up to rounding.
+
+    **Raises:** `SensorError` (outside the swath, outside the trajectory, behind the camera); `WhiskjaxError` where a line camera
+    has no window or a frame camera has one.
+    """
+    point = parts(point_m, 3, "ground_to_image")
+    is_line = _is_line(sensor)
+    if is_line != (window_s is not None):
+        raise WhiskjaxError(
+            "a line camera needs the window of times to search: window_s=(start, stop)"
+            if is_line
+            else "a frame camera exposes the image at once: leave window_s out"
+        )
+    if window_s is not None:
+        window_s = tuple(jnp.asarray(w, dtype=jnp.float64) for w in window_s)  # pyright: ignore[reportAssignmentType]
+    answer = _ground_to_image(sensor, shot, point, window_s, clip)  # pyright: ignore[reportArgumentType]
+    if throw:
+        raise_failures(answer.result, "ground_to_image")
+    return answer
+
+
+def _is_line(sensor: Sensor) -> bool:
+    camera = sensor.camera
+    while not isinstance(camera, AbstractCamera):
+        camera = camera.options[0]
+    return camera.is_line

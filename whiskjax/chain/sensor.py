@@ -1,0 +1,78 @@
+"""An instrument: named links from the Earth to the camera, and the camera."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+
+from ..rules import RESULTS, WhiskjaxError, first_failure
+from .by import By
+from .camera import AbstractCamera
+from .link import AbstractLink
+from .pose import Pose
+from .shot import Shot
+
+
+class Sensor(eqx.Module):
+    """The imaging chain: `Sensor({"body": Trajectory(...), "platform": Mount(...), ...}, camera)`.
+
+    Links go from the Earth inwards; each is named after the frame it leads to. Names are held in a tuple, because a pytree of
+    dicts comes back sorted.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    links: tuple[AbstractLink, ...]
+    camera: AbstractCamera | By
+
+    def __init__(self, links: Mapping[str, AbstractLink], camera: AbstractCamera | By):
+        """**Raises:** `WhiskjaxError` where there is no link, a name is not a word, or a key has two lists of options."""
+        if not links:
+            raise WhiskjaxError("a sensor needs at least one link from the Earth, as Sensor({'body': Trajectory(...)}, camera)")
+        for name, link in links.items():
+            if not name.isidentifier() or name in ("camera", "earth"):
+                raise WhiskjaxError(f"{name!r} cannot name a frame: a word is needed, and not 'camera' or 'earth'")
+            if not isinstance(link, AbstractLink):
+                raise WhiskjaxError(f"{name}: a link is needed here, not {type(link).__name__}")
+        self.names, self.links, self.camera = tuple(links), tuple(links.values()), camera
+        self.key_names()
+
+    def __getitem__(self, name: str) -> Any:
+        """The link of this name, or the camera."""
+        if name == "camera":
+            return self.camera
+        if name not in self.names:
+            raise WhiskjaxError(f"no link named {name!r}; there are {', '.join(self.names)} and camera")
+        return self.links[self.names.index(name)]
+
+    def key_names(self) -> dict[str, tuple[str, ...]]:
+        """The names of the options behind each key that some link or the camera asks for; the shot holds their index.
+
+        **Raises:** `WhiskjaxError` where two of them list different names, since one index could not mean both.
+        """
+        found: dict[str, tuple[str, ...]] = {}
+        for name, by in zip((*self.names, "camera"), (*self.links, self.camera), strict=True):
+            if isinstance(by, By) and found.setdefault(by.key, by.names) != by.names:
+                raise WhiskjaxError(
+                    f"{name}: the {by.key}s are {by.names}, but another link lists {found[by.key]}: use one order"
+                )
+        return found
+
+    def camera_at(self, shot: Shot) -> AbstractCamera:
+        """The camera as it was at each shot."""
+        return self.camera.at(shot)
+
+    def pose(self, shot: Shot, upto: str | None = None) -> Pose:
+        """Pose earth_from_`upto`; by default up to the camera."""
+        stop = self.names[-1] if upto is None else upto
+        if stop not in self.names:
+            raise WhiskjaxError(f"no frame named {stop!r}; there are {', '.join(self.names)}")
+        pose = Pose()
+        for name, link in zip(self.names, self.links, strict=True):
+            pose = pose @ link.pose(shot)
+            if name == stop:
+                break
+        return pose
+
+    def check(self, shot: Shot) -> RESULTS:
+        """The first link's failure for each shot, if any: a time outside the record, in a gap, an unknown key."""
+        return first_failure(*(link.check(shot) for link in (*self.links, self.camera)))

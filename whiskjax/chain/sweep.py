@@ -1,0 +1,53 @@
+"""A projected point with every first derivative of the chain: one pass inwards, one outwards, no trigonometry.
+
+At each joint j the pass inwards gives the point p_j in that frame and the pass outwards the 2x3 derivative H_j of the pixel. A
+small motion (turn, shift) of frame j changes the pixel by -H_j (turn x p_j + shift); a displacement of the ground point by
+H_earth. Bias, drift, encoder and POS errors, orientation images and consider states are all such motions.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, hold, matmul, neg, transpose, vadd
+from .pose import Motion, Pose
+from .sensor import Sensor
+from .shot import Shot
+
+
+class Sweep(eqx.Module):
+    """What `sweep` found; joints are named after frames, and "earth" is the ground point itself."""
+
+    pixel: Vec2
+    points: dict[str, Vec3]
+    derivatives: dict[str, tuple[Vec3, Vec3]]
+    poses: dict[str, Pose]
+
+    def follows(self, joint: str, motion: Motion) -> Vec2:
+        """Change of the pixel when the frame `joint` makes a small motion."""
+        displaced = vadd(cross(motion.turn, self.points[joint]), motion.shift)
+        dx, dy = apply(self.derivatives[joint], displaced)
+        return neg(dx), neg(dy)
+
+
+def sweep(sensor: Sensor, shot: Shot, point: Vec3, fence: bool = False) -> Sweep:
+    """Project a ground point (components, world frame, metres) and differentiate at every joint.
+
+    **Arguments:**
+
+    - `fence`: keep XLA from recomputing the trigonometry of the poses for each point; worth it where points share poses.
+    """
+    poses = {name: link.pose(shot) for name, link in zip(sensor.names, sensor.links, strict=True)}
+    if fence:
+        poses = hold(poses)
+    points = {"earth": point}
+    for name in sensor.names:
+        points[name] = point = poses[name].into(point)
+    camera = sensor.camera_at(shot)
+    point = tuple(jnp.asarray(c) for c in point)  # pyright: ignore[reportAssignmentType]
+    derivative = transpose(columns(lambda *q: camera.pixel(q), point))
+    derivatives = {}
+    for name, outer in zip(reversed(sensor.names), (*reversed(sensor.names[:-1]), "earth"), strict=True):
+        derivatives[name] = derivative
+        derivative = matmul(derivative, transpose(poses[name].rotation))
+        derivatives[outer] = derivative
+    return Sweep(camera.pixel(point), points, derivatives, poses)

@@ -1,0 +1,221 @@
+"""Where the platform is: POS samples in time, or one pose for each image."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
+from ..earth.ellipsoid import ecef_from_geodetic
+from ..earth.frames import ecef_from_ned
+from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
+from ..rules.results import choose
+from .knots import Knots
+from .link import AbstractLink
+from .pose import Pose
+from .rotations import (
+    Quaternion,
+    quaternion_from_vector,
+    quaternion_product,
+    rotation_from_angles,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+from .samples import ecef_samples, relative_turns, unit_quaternions
+from .shot import Shot
+from .turn import as_parameter
+
+
+class Trajectory(AbstractLink):
+    """POS samples -> pose world_from_body at time + delay.
+
+    Positions are linear between samples (cubic Hermite where velocities exist), attitudes slerp. `delay_s` shifts the whole POS,
+    `attitude_delay_s` the attitude alone, relative to it: positive where the value valid at the shot was stamped later.
+    Quaternions are made sign-continuous; times outside the record or in a gap longer than `max_gap_s` are refused.
+    """
+
+    knots: Knots
+    position_m: Vec3  # components, each (n,)
+    velocity_mps: Vec3 | None
+    quaternion: Quaternion
+    turn_rad: Vec3  # rotation vector from each sample to the next, in the body frame, each (n - 1,)
+    max_gap_s: float = eqx.field(static=True)
+    delay_s: Component = eqx.field(converter=as_parameter)
+    attitude_delay_s: Component = eqx.field(converter=as_parameter)
+
+    def __init__(
+        self,
+        time_s: Float[Array, " n"],
+        position_m: Float[Array, "n 3"],
+        quaternion_xyzw: Float[Array, "n 4"],
+        *,
+        max_gap_s: float,
+        velocity_mps: Float[Array, "n 3"] | None = None,
+        delay_s: Component = 0,
+        attitude_delay_s: Component = 0,
+    ):
+        """**Arguments:**
+
+        - `time_s`: strictly increasing, seconds.
+        - `position_m`: of the POS reference point, in the world frame (ECEF or local Cartesian).
+        - `quaternion_xyzw`: world_from_body, any sign, normalised here.
+        - `max_gap_s`: longer intervals are not bridged.
+        - `velocity_mps`: world frame; then positions are cubic Hermite.
+
+        **Raises:** `WhiskjaxError` for times that do not increase, values that are not finite, lengths that differ.
+        """
+        require_x64("Trajectory")
+        self.knots = Knots(time_s, max_gap_s, "trajectory")
+        n = self.knots.time_s.shape[0]
+        position = np.asarray(position_m, dtype=np.float64)
+        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
+        velocity = None if velocity_mps is None else np.asarray(velocity_mps, dtype=np.float64)
+        for name, value, width in (("position", position, 3), ("quaternion", quaternion, 4), ("velocity", velocity, 3)):
+            if value is None:
+                continue
+            if value.shape != (n, width):
+                raise WhiskjaxError(f"trajectory: {name} has shape {value.shape}, expected ({n}, {width})")
+            if not np.isfinite(value).all():
+                raise WhiskjaxError(
+                    f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
+                )
+        quaternion = unit_quaternions(quaternion)
+        self.position_m = unstack(jnp.asarray(position))  # pyright: ignore[reportAttributeAccessIssue]
+        self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))  # pyright: ignore[reportAttributeAccessIssue]
+        self.quaternion = unstack(jnp.asarray(quaternion))  # pyright: ignore[reportAttributeAccessIssue]
+        self.turn_rad = unstack(jnp.asarray(relative_turns(quaternion)))  # pyright: ignore[reportAttributeAccessIssue]
+        self.max_gap_s = float(max_gap_s)
+        self.delay_s = delay_s
+        self.attitude_delay_s = attitude_delay_s
+
+    @classmethod
+    def from_geodetic(
+        cls,
+        time_s: Float[Array, " n"],
+        lat_rad: Float[Array, " n"],
+        lon_rad: Float[Array, " n"],
+        height_m: Float[Array, " n"],
+        roll_rad: Float[Array, " n"],
+        pitch_rad: Float[Array, " n"],
+        heading_rad: Float[Array, " n"],
+        *,
+        max_gap_s: float,
+        velocity_ned_mps: Float[Array, "n 3"] | None = None,
+        delay_s: Component = 0,
+        attitude_delay_s: Component = 0,
+    ) -> "Trajectory":
+        """A trajectory in ECEF from POS records as they are usually written.
+
+        **Arguments:** latitude, longitude (WGS-84), roll (right wing down +), pitch (nose up +), heading (clockwise from true
+        north) in radians, ellipsoidal height in metres; ned_from_body = Rz(heading) Ry(pitch) Rx(roll).
+        """
+        samples = ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, velocity_ned_mps)
+        position, quaternion, velocity = samples
+        return cls(
+            time_s,
+            position,
+            quaternion,
+            max_gap_s=max_gap_s,
+            velocity_mps=velocity,
+            delay_s=delay_s,
+            attitude_delay_s=attitude_delay_s,
+        )
+
+    def pose(self, shot: Shot) -> Pose:
+        """The interpolated pose at each shot's time."""
+        t = add(shot.time_s, self.delay_s)
+        i, w, length = self.knots.locate(t)
+        translation = self._position(i, w, length)
+        if not is_structural(self.attitude_delay_s, 0):
+            i, w, _ = self.knots.locate(t + self.attitude_delay_s)
+        start: Quaternion = tuple(q[i] for q in self.quaternion)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
+        part: Vec3 = tuple(w * r[i] for r in self.turn_rad)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
+        return Pose(rotation_from_quaternion(quaternion_product(start, quaternion_from_vector(part))), translation)
+
+    def _position(self, i, w, length) -> Vec3:
+        before, after = (tuple(p[i + k] for p in self.position_m) for k in (0, 1))
+        if self.velocity_mps is None:
+            return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))  # pyright: ignore[reportReturnType]
+        # Cubic Hermite: value and velocity are met at both samples.
+        leave, arrive = (tuple(length * v[i + k] for v in self.velocity_mps) for k in (0, 1))
+        u = 1 - w
+        far, near_slope, far_slope = w * w * (3 - 2 * w), w * u * u, -w * w * u
+        return tuple(  # pyright: ignore[reportReturnType]
+            a + far * (b - a) + near_slope * va + far_slope * vb
+            for a, b, va, vb in zip(before, after, leave, arrive, strict=True)
+        )
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether the POS was recorded at the shot's time."""
+        t = add(shot.time_s, self.delay_s)
+        result = self.knots.check(t)
+        if is_structural(self.attitude_delay_s, 0):
+            return result
+        return first_failure(result, self.knots.check(t + self.attitude_delay_s))
+
+
+class PosePerImage(AbstractLink):
+    """One pose world_from_body for each image: frame cameras.
+
+    `turn_rad` and `shift_m`, both (n, 3) in the body frame, are small motions of the given poses; they are where unknown poses
+    live: p_world = R exp([turn]x) p_body + t + R shift.
+    """
+
+    position_m: Vec3  # components, each (n,)
+    quaternion: Quaternion
+    turn_rad: Float[Array, "n 3"] | None
+    shift_m: Float[Array, "n 3"] | None
+
+    def __init__(
+        self,
+        position_m: Float[Array, "n 3"],
+        quaternion_xyzw: Float[Array, "n 4"],
+        turn_rad: Float[Array, "n 3"] | None = None,
+        shift_m: Float[Array, "n 3"] | None = None,
+    ):
+        """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
+        require_x64("PosePerImage")
+        position = np.asarray(position_m, dtype=np.float64)
+        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
+        if position.ndim != 2 or position.shape[1] != 3 or quaternion.shape != (len(position), 4):
+            raise WhiskjaxError(
+                f"poses: positions {position.shape} and quaternions {quaternion.shape}, expected (n, 3) and (n, 4)"
+            )
+        for name, value in (("position", position), ("quaternion", quaternion)):
+            if not np.isfinite(value).all():
+                raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
+        quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        self.position_m = unstack(jnp.asarray(position))  # pyright: ignore[reportAttributeAccessIssue]
+        self.quaternion = unstack(jnp.asarray(quaternion))  # pyright: ignore[reportAttributeAccessIssue]
+        self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
+        self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
+
+    def pose(self, shot: Shot) -> Pose:
+        """The pose of each shot's image."""
+        i = shot.image
+        rotation = rotation_from_quaternion(tuple(q[i] for q in self.quaternion))  # pyright: ignore[reportArgumentType, reportIndexIssue]
+        translation: Vec3 = tuple(p[i] for p in self.position_m)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
+        small = Pose(
+            rotation_from_vector(unstack(self.turn_rad[i])) if self.turn_rad is not None else Pose().rotation,  # pyright: ignore[reportArgumentType]
+            unstack(self.shift_m[i]) if self.shift_m is not None else ZERO,  # pyright: ignore[reportArgumentType]
+        )
+        return Pose(rotation, translation) @ small
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether each image has a pose."""
+        n = self.position_m[0].shape[0]  # pyright: ignore[reportAttributeAccessIssue]
+        known = jnp.asarray((shot.image >= 0) & (shot.image < n))  # pyright: ignore[reportOptionalOperand]
+        return choose(known, RESULTS.successful, RESULTS.unknown_key)
+
+
+def ecef_from_body(
+    lat_rad: Component,
+    lon_rad: Component,
+    height_m: Component,
+    roll_rad: Component,
+    pitch_rad: Component,
+    heading_rad: Component,
+) -> Pose:
+    """Pose ecef_from_body of one navigation record, as components; ned_from_body = Rz(heading) Ry(pitch) Rx(roll)."""
+    attitude = rotation_from_angles((heading_rad, pitch_rad, roll_rad), "zyx")
+    return Pose(matmul(ecef_from_ned(lat_rad, lon_rad), attitude), ecef_from_geodetic(lat_rad, lon_rad, height_m))

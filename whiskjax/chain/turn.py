@@ -1,0 +1,83 @@
+"""Scan mirrors and gimbals: rotations about a named axis by a recorded encoder."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..algebra.angles import ELEMENTARY
+from ..algebra.vectors import Component, add, is_structural, mul
+from ..rules import RESULTS, WhiskjaxError
+from .knots import Knots
+from .link import AbstractLink
+from .pose import Pose
+from .shot import Shot
+
+
+def as_parameter(value: Any) -> Any:
+    """An array, except for the structural zero, which stays a Python int and costs nothing."""
+    return 0 if is_structural(value, 0) else jnp.asarray(value, dtype=float)
+
+
+class Encoder(eqx.Module):
+    """A recorded angle, linear between its samples."""
+
+    knots: Knots
+    angle_rad: Float[Array, " n"]
+    max_gap_s: float = eqx.field(static=True)
+
+    def __init__(self, time_s: Float[Array, " n"], angle_rad: Float[Array, " n"], max_gap_s: float, name: str = "encoder"):
+        """**Arguments:**
+
+        - `time_s`: strictly increasing, seconds.
+        - `angle_rad`: radians; jumps of a whole turn between samples are unwrapped.
+        - `max_gap_s`: longer intervals are not bridged.
+        - `name`: for messages.
+
+        **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ.
+        """
+        angle = np.asarray(angle_rad, dtype=np.float64)
+        self.knots = Knots(time_s, max_gap_s, name)
+        if angle.shape != self.knots.time_s.shape:
+            raise WhiskjaxError(f"{name}: {angle.shape} angles for {self.knots.time_s.shape} times")
+        if not np.isfinite(angle).all():
+            raise WhiskjaxError(f"{name}: the angle of sample {int(np.argmin(np.isfinite(angle)))} is not a finite number")
+        self.angle_rad = jnp.asarray(np.unwrap(angle))
+        self.max_gap_s = float(max_gap_s)
+
+    def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The angle at each time, radians."""
+        i, w, _ = self.knots.locate(t)
+        before = self.angle_rad[i]
+        return before + w * (self.angle_rad[i + 1] - before)
+
+
+class Turn(AbstractLink):
+    """Rotation about x, y or z by sign * (encoder(time + delay_s) + zero_rad).
+
+    Scan mirrors and gimbals are Turns in list order. `delay_s` (how much later than the shot's time stamp the encoder was read)
+    and `zero_rad` (its index error) can be calibrated.
+    """
+
+    axis: str = eqx.field(static=True)
+    encoder: Encoder
+    sign: int = eqx.field(default=1, static=True)
+    delay_s: Component = eqx.field(default=0, converter=as_parameter)
+    zero_rad: Component = eqx.field(default=0, converter=as_parameter)
+
+    def __check_init__(self):
+        if self.axis not in ELEMENTARY:
+            raise WhiskjaxError(f"a turn has the axis x, y or z, not {self.axis!r}")
+        if self.sign not in (1, -1):
+            raise WhiskjaxError(f"the sign of a turn is +1 or -1, not {self.sign!r}")
+
+    def pose(self, shot: Shot) -> Pose:
+        """The turn at the shot's time."""
+        angle = add(self.encoder.at(add(shot.time_s, self.delay_s)), self.zero_rad)
+        return Pose(ELEMENTARY[self.axis](mul(self.sign, angle)))
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Whether the encoder was recorded at the shot's time."""
+        return self.encoder.knots.check(add(shot.time_s, self.delay_s))

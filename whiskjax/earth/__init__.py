@@ -1,0 +1,1 @@
+"""The Earth: WGS-84 geodesy, local frames, and surfaces that a ray can meet."""

@@ -1,0 +1,72 @@
+"""Surfaces that a ray can meet.
+
+Every surface has one method, `intersect(origin, direction) -> (point, result)`, elementwise over any batch of rays. The first
+intersection in front of the origin is returned; the direction need not be a unit vector.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Vec3, dot, mul, scale, vadd, vsub
+from ..rules import RESULTS
+from ..rules.results import failure_if
+from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, height_and_up
+
+
+class AbstractSurface(eqx.Module):
+    """What a ray can be intersected with."""
+
+    @abc.abstractmethod
+    def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
+        """First point of the surface along the ray, in the frame of the ray."""
+
+
+class HeightSurface(AbstractSurface):
+    """All points of one ellipsoidal height: ECEF, metres.
+
+    This is the true surface, not the ellipsoid with lengthened axes, which starts the iteration (the two differ by 0.010 m for a
+    look 78 deg off nadir). `height_m` may be a batch: one height for each ray.
+    """
+
+    height_m: Float[Array, "..."] | float
+
+    def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
+        """Near root with the lengthened ellipsoid, then Newton steps on the geodetic height along the ray.
+
+        The last step carries the derivative; each squares the error, and the first error is centimetres.
+        """
+        a, b = 1 / (SEMI_MAJOR_M + self.height_m), 1 / (SEMI_MINOR_M + self.height_m)
+        p = tuple(mul(c, w) for c, w in zip(origin, (a, a, b), strict=True))
+        v = tuple(mul(c, w) for c, w in zip(direction, (a, a, b), strict=True))
+        vv, pv, pp = dot(v, v), dot(p, v), dot(p, p) - 1
+        discriminant = pv * pv - vv * pp
+        misses = (discriminant <= 0) | (pv >= 0) | (pp < 0)
+        # pp / (-pv + root) is the near root without cancellation; where the ray misses, a harmless 1 keeps gradients finite.
+        root = jnp.sqrt(jnp.where(misses, 1.0, discriminant))
+        s = pp / (root - jnp.where(misses, -1.0, pv))
+        for _ in range(2):
+            point = vadd(origin, scale(s, direction))
+            height, *up = height_and_up(*(jnp.asarray(c) for c in point))
+            climb = dot(up, direction)
+            s = s - (height - self.height_m) / jnp.where(misses, 1.0, climb)
+        return vadd(origin, scale(s, direction)), failure_if(misses, RESULTS.ray_misses_ground)
+
+
+class Plane(AbstractSurface):
+    """The plane through `point_m` with the normal `normal` (any length), in the frame of the rays."""
+
+    point_m: Float[Array, "3"]
+    normal: Float[Array, "3"]
+
+    def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
+        """The one intersection, if it lies in front of the origin."""
+        point = tuple(self.point_m[..., i] for i in range(3))
+        normal = tuple(self.normal[..., i] for i in range(3))
+        climb = dot(normal, direction)
+        rise = dot(normal, vsub(point, origin))
+        misses = climb * rise <= 0
+        s = rise / jnp.where(misses, 1.0, climb)
+        return vadd(origin, scale(s, direction)), failure_if(misses, RESULTS.ray_misses_ground)

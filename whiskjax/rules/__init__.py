@@ -1,0 +1,10 @@
+"""What every room obeys: one enumeration of numerical failures, one family of errors, float64 where it matters."""
+
+from .errors import FlightError as FlightError
+from .errors import SensorError as SensorError
+from .errors import WhiskjaxError as WhiskjaxError
+from .extras import import_extra as import_extra
+from .precision import require_x64 as require_x64
+from .results import RESULTS as RESULTS
+from .results import first_failure as first_failure
+from .results import raise_failures as raise_failures
