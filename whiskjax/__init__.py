@@ -4,6 +4,7 @@ One imaging chain (trajectory -> mounts -> scan mirror or gimbal -> camera -> gr
 it: calibration, location, sensitivity. This file re-exports the public names and does nothing else.
 """
 
+from . import flights as flights
 from .chain.bake import bake as bake
 from .chain.by import By as By
 from .chain.camera import FrameCamera as FrameCamera
@@ -36,6 +37,11 @@ from .earth.frames import enu_rotation as enu_rotation
 from .earth.frames import ned_rotation as ned_rotation
 from .earth.surface import HeightSurface as HeightSurface
 from .earth.surface import Plane as Plane
+from .estimate.losses import Cauchy as Cauchy
+from .estimate.losses import Huber as Huber
+from .estimate.observations import Observations as Observations
+from .estimate.unknown import Unknown as Unknown
+from .flights.flight import Flight as Flight
 from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError

@@ -1,0 +1,189 @@
+"""A calibration as numbers: groups of observations that image through the same options, and whitened residuals.
+
+Unknowns are whitened, value = mean + scale * u, so that the identity damping of Levenberg-Marquardt fits all of them and a prior
+is the residual u itself.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Component, Vec2, Vec3
+from ..chain.address import Address, put
+from ..chain.bake import bake
+from ..chain.by import By
+from ..chain.imaging import image
+from ..chain.sensor import Sensor
+from ..chain.shot import KEYS, Shot
+from ..rules import WhiskjaxError
+from .losses import AbstractLoss
+from .observations import Observations
+from .unknown import Unknown, admit, start_of
+
+Places = tuple[tuple[Address, ...], ...]
+
+
+class Group(eqx.Module):
+    """Observations that share every key by which the sensor chooses a link or camera.
+
+    `weight` is the lower triangle (w00, w10, w11) that whitens the residual; zero for padding, so that the number of observations
+    is not part of what is compiled.
+    """
+
+    shot: Shot
+    point: Vec3
+    pixel: Vec2
+    weight: tuple[Component, Component, Component]
+
+
+class Problem(eqx.Module):
+    """Everything that a solver needs, as a pytree; the places of the unknowns are static."""
+
+    sensor: Sensor
+    groups: tuple[Group, ...]
+    mean: Float[Array, " unknowns"]
+    scale: Float[Array, " unknowns"]
+    prior: Float[Array, " unknowns"]  # 1 where there is a prior, 0 where there is none
+    loss: AbstractLoss | None
+    places: Places = eqx.field(static=True)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Links that some unknown changes."""
+        return tuple(dict.fromkeys(p.link for places in self.places for p in places))
+
+    def baked(self) -> "Problem":
+        """The same problem with every other link already evaluated; one sensor serves all groups."""
+        sensor, groups = self.sensor, []
+        for group in self.groups:
+            sensor, shot = bake(self.sensor, group.shot, self.free)
+            groups.append(eqx.tree_at(lambda g: g.shot, group, shot))
+        return eqx.tree_at(lambda p: (p.sensor, p.groups), self, (sensor, tuple(groups)))
+
+    def put(self, u: Float[Array, " unknowns"]) -> Sensor:
+        """The sensor with whitened unknowns put in."""
+        value = self.mean + self.scale * u
+        pairs = [(place, value[k]) for k, places in enumerate(self.places) for place in places]
+        return put(self.sensor, [p for p, _ in pairs], [v for _, v in pairs])
+
+    def acting(self, group: Group) -> tuple[int, ...]:
+        """The unknowns that act on a group: not those of a swing, view or image that the group does not have."""
+        return tuple(k for k, places in enumerate(self.places) if any(_acts(self.sensor, p, group.shot) for p in places))
+
+
+def _acts(sensor: Sensor, place: Address, shot: Shot) -> bool:
+    node = sensor[place.link]
+    if isinstance(node, By):
+        key = getattr(shot, node.key)
+        return not isinstance(key, int) or node.names[key] == place.path[0]
+    return True
+
+
+def residual(group: Group, sensor: Sensor) -> Vec2:
+    """Whitened residual measured - projected of a group, as components."""
+    x, y = image(sensor, group.shot, group.point)
+    rx, ry = group.pixel[0] - x, group.pixel[1] - y
+    w00, w10, w11 = group.weight
+    return w00 * rx, w10 * rx + w11 * ry
+
+
+def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2], Float[Array, " unknowns"]]:
+    """All whitened residuals of a baked problem: observations, under the robust loss, and priors."""
+    sensor = problem.put(u)
+    observed = [residual(group, sensor) for group in problem.groups]
+    if problem.loss is not None:
+        factors = [problem.loss.factor(x * x + y * y) for x, y in observed]
+        observed = [(f * x, f * y) for f, (x, y) in zip(factors, observed, strict=True)]
+    return observed, problem.prior * u
+
+
+def _padded(n: int) -> int:
+    """A size of which there are only a few: 8 steps to each doubling."""
+    step = max(8, 2 ** max(0, int(np.ceil(np.log2(n))) - 3))
+    return int(-(-n // step) * step)
+
+
+def _groups(
+    sensor: Sensor, observations: Observations, weight: Float[np.ndarray, "n 3"]
+) -> tuple[tuple[Group, ...], list[np.ndarray]]:
+    n = len(observations)
+    choosing = [key for key in KEYS if key in sensor.key_names()]
+    codes = np.zeros((n, max(1, len(choosing))), dtype=int)
+    for j, key in enumerate(choosing):
+        value = observations.key(key)
+        if value is None:
+            raise WhiskjaxError(f"the sensor tells its {key}s apart, but the observations carry no {key}")
+        codes[:, j] = value
+    groups, indices = [], []
+    for code in np.unique(codes, axis=0):
+        index = np.flatnonzero((codes == code).all(axis=1))
+        padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
+        w = weight[padded].copy()
+        w[len(index) :] = 0.0
+        keys = {key: int(c) for key, c in zip(choosing, code, strict=False)}
+        for key in KEYS:
+            if key not in keys and (value := observations.key(key)) is not None:
+                keys[key] = value[padded]
+        time = observations.key("time_s")
+        shot = Shot(time_s=None if time is None else time[padded], **keys)
+        groups.append(
+            Group(
+                shot,
+                _columns(observations.point_m[padded]),  # pyright: ignore[reportArgumentType]
+                _columns(observations.pixel_px[padded]),  # pyright: ignore[reportArgumentType]
+                _columns(w),  # pyright: ignore[reportArgumentType]
+            )
+        )
+        indices.append(index)
+    return tuple(groups), indices
+
+
+def _columns(a: np.ndarray) -> tuple[Array, ...]:
+    return tuple(jnp.asarray(np.ascontiguousarray(column)) for column in a.T)
+
+
+def pose_problem(
+    sensor: Sensor,
+    observations: Observations,
+    unknowns: Sequence[Unknown],
+    weight: Float[np.ndarray, "n 3"],
+    loss: AbstractLoss | None = None,
+) -> tuple[Problem, Float[np.ndarray, " unknowns"], list[np.ndarray]]:
+    """A calibration as a `Problem`.
+
+    **Arguments:** `weight`: lower triangle (w00, w10, w11) for each observation, zero to leave it out.
+
+    **Returns:** the problem, the whitened start, and for each group the indices of its observations.
+    """
+    sensor = admit(sensor, unknowns)
+    groups, indices = _groups(sensor, observations, weight)
+    start = np.array([start_of(sensor, x) for x in unknowns])
+    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
+    scale = np.array([x.size for x in unknowns])
+    prior = np.array([float(x.sigma is not None) for x in unknowns])
+    problem = Problem(
+        sensor,
+        groups,
+        jnp.asarray(mean),
+        jnp.asarray(scale),
+        jnp.asarray(prior),
+        loss,
+        tuple(x.places for x in unknowns),
+    )
+    return problem, (start - mean) / scale, indices
+
+
+def flat(pairs: list[Vec2]) -> Float[Array, " rows"]:
+    """All residuals of all groups in one column: first coordinates of a group, then its second ones."""
+    return jnp.concatenate([jnp.ravel(c) for pair in pairs for c in pair])
+
+
+def stack_rows(pairs: list[np.ndarray], indices: list[np.ndarray], n: int) -> np.ndarray:
+    """Back from groups, each (2, padded, ...), to one row an observation: (n, 2, ...)."""
+    out = np.zeros((n, 2, *np.asarray(pairs[0]).shape[2:]))
+    for pair, index in zip(pairs, indices, strict=True):
+        out[index] = np.moveaxis(np.asarray(pair)[:, : len(index)], 0, 1)
+    return out

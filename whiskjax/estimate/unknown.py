@@ -1,0 +1,100 @@
+"""What is to be estimated: one number, where it lives, and what is known of it beforehand."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ..chain.address import Address, make_room, parse, read
+from ..chain.sensor import Sensor
+from ..rules import WhiskjaxError
+
+
+class Unit(NamedTuple):
+    """The unit shown to people: `shown = factor * inside`."""
+
+    name: str
+    factor: float
+
+
+_UNITS = {
+    "_m": Unit("m", 1.0),
+    "_rad": Unit("deg", math.degrees(1.0)),
+    "_s": Unit("ms", 1e3),
+    "_px": Unit("px", 1.0),
+}
+_NO_UNIT = Unit("1", 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknown:
+    """One number to be estimated.
+
+    **Arguments:**
+
+    - `name`: for people, as "omega_pos_left".
+    - `where`: its place in the sensor, as "platform.left.angles_rad[0]", or several places that share the one number.
+    - `mean`, `sigma`: a-priori knowledge as a 1-sigma, in the unit of the field (metres, radians, seconds, pixels). Both or
+      neither.
+    - `scale`: without a prior, the size of a typical change; it whitens the unknown and does not pull on it.
+
+    The iteration starts from the value that the sensor holds. The unit follows from the field's suffix.
+    """
+
+    name: str
+    where: str | tuple[str, ...]
+    mean: float | None = None
+    sigma: float | None = None
+    scale: float | None = None
+
+    def __post_init__(self):
+        if (self.mean is None) != (self.sigma is None):
+            raise WhiskjaxError(f"unknown {self.name}: a prior has both a mean and a sigma; without a prior give a scale")
+        if (self.sigma is None) == (self.scale is None):
+            raise WhiskjaxError(f"unknown {self.name}: give either a prior (mean and sigma) or a scale")
+        size = self.sigma if self.sigma is not None else self.scale
+        if not (size is not None and math.isfinite(size) and size > 0):
+            raise WhiskjaxError(f"unknown {self.name}: sigma or scale must be a positive number, not {size}")
+        if self.mean is not None and not math.isfinite(self.mean):
+            raise WhiskjaxError(f"unknown {self.name}: the prior mean is {self.mean}")
+
+    @property
+    def places(self) -> tuple[Address, ...]:
+        """Where the number lives, parsed."""
+        return tuple(parse(text) for text in ((self.where,) if isinstance(self.where, str) else self.where))
+
+    @property
+    def unit(self) -> Unit:
+        """The unit for people, from the suffix of the field."""
+        field = self.places[0].path[-1]
+        return next((unit for suffix, unit in _UNITS.items() if field.endswith(suffix)), _NO_UNIT)
+
+    @property
+    def size(self) -> float:
+        """What whitens it: the prior sigma, or the scale."""
+        return self.sigma if self.sigma is not None else self.scale  # pyright: ignore[reportReturnType]
+
+
+def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
+    """The sensor with a number wherever an unknown lives.
+
+    **Raises:** `WhiskjaxError` where there is no unknown, a name or a place is used twice, or a place does not exist.
+    """
+    if not unknowns:
+        raise WhiskjaxError("there is nothing to estimate: give at least one Unknown")
+    names, places = set(), set()
+    for unknown in unknowns:
+        if unknown.name in names:
+            raise WhiskjaxError(f"two unknowns are named {unknown.name}")
+        names.add(unknown.name)
+        for place in unknown.places:
+            if place in places:
+                raise WhiskjaxError(f"unknown {unknown.name}: {place.text} is already estimated by another unknown")
+            places.add(place)
+            sensor = make_room(sensor, place)
+    return sensor
+
+
+def start_of(sensor: Sensor, unknown: Unknown) -> float:
+    """The value that the sensor holds, in the field's unit."""
+    return float(read(sensor, unknown.places[0]))

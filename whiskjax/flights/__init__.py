@@ -1,0 +1,3 @@
+"""Flights: what a flight is, and the three papers' flights as seeded simulations."""
+
+from . import haian as haian

@@ -1,0 +1,179 @@
+"""A flight: an instrument, its images, surveyed points, what was measured, and what is to be estimated."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..chain.camera import AbstractCamera
+from ..chain.lines import LineTimes
+from ..chain.sensor import Sensor
+from ..chain.shot import KEYS, Shot
+from ..earth.ellipsoid import ecef_to_geodetic
+from ..earth.frames import enu_rotation
+from ..estimate.observations import Observations
+from ..estimate.unknown import Unknown
+from ..rules import FlightError
+
+ROLES = ("control", "check", "tie")
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """What coordinates mean: ECEF WGS-84 ("wgs84"), or a local Cartesian frame x east, y north, z up ("local").
+
+    A local world may state its geodetic origin: latitude and longitude in degrees, ellipsoidal height in metres.
+    """
+
+    kind: str = "wgs84"
+    origin: tuple[float, float, float] | None = None
+    height_datum: str = "ellipsoidal"
+
+    def __post_init__(self):
+        if self.kind not in ("wgs84", "local"):
+            raise FlightError(f"the world is 'wgs84' or 'local', not {self.kind!r}")
+        if self.height_datum != "ellipsoidal":
+            raise FlightError(f"height_datum {self.height_datum!r}: heights are ellipsoidal; convert them with your geoid first")
+
+
+@dataclasses.dataclass(frozen=True)
+class Image:
+    """One image: a frame exposed at `time_s`, or lines at `lines`; and the names of its swing, view and strip."""
+
+    name: str
+    time_s: float | None = None
+    lines: LineTimes | None = None
+    swing: str | None = None
+    view: str | None = None
+    strip: str | None = None
+    columns: int | None = None
+    rows: int | None = None
+
+    def key(self, key: str) -> str | None:
+        """The name behind a key of the shot."""
+        return self.name if key == "image" else getattr(self, key)
+
+
+@dataclasses.dataclass(frozen=True)
+class Points:
+    """Object points: names, world coordinates in metres (NaN for ties without), 1-sigma east, north, up, both (n, 3), roles."""
+
+    names: Sequence[str]
+    position_m: Float[np.ndarray, "n 3"]
+    sigma_enu_m: Float[np.ndarray, "n 3"]
+    roles: Sequence[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """Image measurements as recorded: which image, which point (indices), line and sample in pixels with 1-sigma, (n,) each.
+
+    The centre of the first pixel is at (0, 0).
+    """
+
+    image: np.ndarray
+    point: np.ndarray
+    line_px: np.ndarray
+    sample_px: np.ndarray
+    sigma_line_px: np.ndarray
+    sigma_sample_px: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.image)
+
+
+@dataclasses.dataclass(frozen=True)
+class Flight:
+    """Everything about a flight; `read_flight` and `write_flight` turn it from and into a folder."""
+
+    name: str
+    sensor: Sensor
+    images: Sequence[Image]
+    points: Points
+    measurements: Measurements
+    unknowns: Sequence[Unknown] = ()
+    world: World = World()
+    epoch: str = ""
+    reference_point: str = ""
+    notes: str = ""
+
+    def key_index(self, image: Image, key: str) -> int | None:
+        """The index by which the shot names an image's swing, view, strip or the image itself; None where no link asks for it.
+
+        **Raises:** `FlightError` where the sensor asks for the key and the image has none, or one that the sensor lacks.
+        """
+        names = self.sensor.key_names().get(key)
+        if names is None:
+            return [i.name for i in self.images].index(image.name) if key == "image" else None
+        name = image.key(key)
+        if name is None:
+            raise FlightError(
+                f"image {image.name} has no {key}, but the sensor tells {', '.join(names)} apart: fill in its {key}"
+            )
+        if name not in names:
+            raise FlightError(f"image {image.name}: the {key} {name!r} is unknown; the sensor has {', '.join(names)}")
+        return names.index(name)
+
+    def shot(self, image_index: np.ndarray, line_px: np.ndarray | None = None) -> Shot:
+        """Shots of images (indices, (n,)), for line cameras at the given lines, for frame cameras at the image's time.
+
+        **Raises:** `FlightError` naming the image where a line lies outside its line table.
+        """
+        image_index = np.asarray(image_index)
+        keys = {key: [self.key_index(image, key) for image in self.images] for key in KEYS}
+        picked = {key: np.asarray(v)[image_index] for key, v in keys.items() if v and v[0] is not None}
+        if not self.is_line:
+            times = [image.time_s for image in self.images]
+            if all(t is None for t in times):
+                return Shot(**picked)
+            return Shot(time_s=np.array([np.nan if t is None else t for t in times])[image_index], **picked)
+        time = np.full(image_index.shape, np.nan)
+        for i in np.unique(image_index):
+            here, image = image_index == i, self.images[i]
+            if image.lines is None:
+                raise FlightError(f"image {image.name} has no line times: add its lines to lines.csv")
+            lines = np.asarray(line_px)[here]
+            time[here] = np.interp(lines, image.lines.line, image.lines.time_s, left=np.nan, right=np.nan)
+            if np.isnan(time[here]).any():
+                first, last = float(image.lines.line[0]), float(image.lines.line[-1])
+                wrong = lines[np.isnan(time[here])][0]
+                raise FlightError(f"image {image.name}: line {wrong:g} lies outside its line table, {first:g} to {last:g}")
+        return Shot(time_s=time, **picked)
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the images are made of lines."""
+        camera = self.sensor.camera
+        while not isinstance(camera, AbstractCamera):
+            camera = camera.options[0]
+        return camera.is_line
+
+    def observations(self) -> Observations:
+        """Measurements of control and check points, ready for `calibrate`; tie points, which have no coordinates, stay behind."""
+        role = np.asarray(self.points.roles)[self.measurements.point]
+        keep = np.flatnonzero(role != "tie")
+        m, image, point = self.measurements, self.measurements.image[keep], self.measurements.point[keep]
+        line, sample = m.line_px[keep], m.sample_px[keep]
+        return Observations(
+            self.shot(image, line),
+            self.points.position_m[point],
+            np.stack([sample, np.zeros_like(line) if self.is_line else line], axis=-1),
+            np.stack([m.sigma_sample_px[keep], m.sigma_line_px[keep]], axis=-1),
+            role[keep] == "control",
+            self.point_covariance_m2()[point],
+            [self.images[i].name for i in image],
+            [self.points.names[i] for i in point],
+        )
+
+    def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:
+        """Covariance of the points' coordinates in the world frame, from their east, north, up sigmas."""
+        if len(self.points.names) == 0:
+            return np.zeros((0, 3, 3))
+        variance = np.asarray(self.points.sigma_enu_m) ** 2
+        if self.world.kind == "local":
+            return variance[:, :, None] * np.eye(3)
+        lat, lon, _ = ecef_to_geodetic(jnp.asarray(np.nan_to_num(self.points.position_m, nan=6.4e6)))
+        to_world = np.asarray(enu_rotation(lat, lon))
+        return np.einsum("nij,nj,nkj->nik", to_world, variance, to_world)
