@@ -37,6 +37,8 @@ from .earth.frames import enu_rotation as enu_rotation
 from .earth.frames import ned_rotation as ned_rotation
 from .earth.surface import HeightSurface as HeightSurface
 from .earth.surface import Plane as Plane
+from .estimate.calibrate import Calibration as Calibration
+from .estimate.calibrate import calibrate as calibrate
 from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
 from .estimate.observations import Observations as Observations

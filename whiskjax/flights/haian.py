@@ -17,6 +17,7 @@ from ..chain.lines import LineTimes
 from ..chain.link import AbstractLink
 from ..chain.mounts import Axes, Mount
 from ..chain.samples import ecef_samples
+from ..chain.search import ground_to_image
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.trajectory import PosePerImage, Trajectory
@@ -247,6 +248,11 @@ def simulate(seed: int, *, noise: bool = True, drift: bool = True, truth: Truth 
         shot = Shot(time_s=time[here], image=here, swing=int(swing[here[0]]))
         exact = sensor(true_body, *true_encoders, truth, platform, scan_first)
         points[here] = image_to_ground(exact, shot, pixel[here], HeightSurface(jnp.asarray(height[here]))).point_m
+        if not noise:
+            # Image the points as they are stored: rounding of ECEF coordinates (1e-9 m) then is no measurement error.
+            window = start[here[0]], start[here[0]] + SWING_S
+            seen = ground_to_image(exact, Shot(image=here, swing=int(swing[here[0]])), points[here], window)
+            time[here], sample[here] = seen.time_s, seen.pixel_px[:, 0]
 
     sigma = np.array([scene[3:] for scene in SCENES.values()])[image]
     error = rng.normal(0, 1, (len(time), 2)) * sigma * noise
