@@ -1,0 +1,61 @@
+"""Measures, prints asked and reached side by side, and with --gate fails where a figure is not reached."""
+
+from .one_thread import keep_to_one_thread
+
+keep_to_one_thread()
+
+import argparse  # noqa: E402
+import sys  # noqa: E402
+
+from . import calibration, geodesy, imaging, second_start  # noqa: E402, F401  (each registers its benchmarks)
+from .peers import MissingPeer  # noqa: E402
+from .report import machine, read_baseline, table, verdict, write_baseline  # noqa: E402
+from .suite import BENCHMARKS, Benchmark  # noqa: E402
+from .timing import Measured  # noqa: E402
+
+
+def chosen(names: list[str]) -> list[Benchmark]:
+    """Every benchmark, or those whose name begins with one of `names`."""
+    unknown = [name for name in names if not any(known.startswith(name) for known in BENCHMARKS)]
+    if unknown:
+        sys.exit(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")
+    return [b for b in BENCHMARKS.values() if not names or b.name.startswith(tuple(names))]
+
+
+def measure(benchmark: Benchmark, baseline: float | None) -> Measured | str:
+    """The figure, or why there is none. One that fails is measured once more and the better counts: a busy machine can
+    only make it worse."""
+    try:
+        first = benchmark.measure()
+        if not verdict(benchmark, first, baseline):
+            return first
+        return min(first, benchmark.measure(), key=lambda m: m.reached)
+    except MissingPeer as error:
+        return f"no peer: {error}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="beginning of a benchmark's name (default: all)")
+    parser.add_argument("--gate", action="store_true", help="exit with 1 where a figure is missed or has regressed")
+    parser.add_argument("--update", action="store_true", help="write the ratios into baseline.json")
+    options = parser.parse_args()
+
+    baseline = read_baseline()
+    rows: list[tuple[Benchmark, Measured | str]] = []
+    for benchmark in chosen(options.names):
+        print(f"measuring {benchmark.name} ...", file=sys.stderr, flush=True)
+        rows.append((benchmark, measure(benchmark, baseline.get(benchmark.name))))
+    print(", ".join(f"{key} {value}" for key, value in machine().items()))
+    print("One thread on one core. reached: our CPU time / the peer's, fastest calls; median over rounds; wall clock.")
+    print(table(rows, baseline))
+    if options.update:
+        write_baseline(rows)
+    failed = [b.name for b, m in rows if verdict(b, m, baseline.get(b.name))]
+    if failed:
+        print(f"{len(failed)} of {len(rows)} failed: {', '.join(failed)}", file=sys.stderr)
+    return 1 if options.gate and failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

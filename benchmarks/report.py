@@ -1,0 +1,97 @@
+"""The table of what was asked and reached, and the committed baseline."""
+
+import importlib.metadata
+import json
+import platform
+from pathlib import Path
+
+from .peers import MissingPeer, compiler_version, processor
+from .suite import Benchmark
+from .timing import Measured
+
+BASELINE = Path(__file__).with_name("baseline.json")
+MARGIN = 1.3  # a ratio may grow by this factor over the baseline before the gate calls it a regression
+
+COLUMNS = ("benchmark", "peer", "asked", "reached", "median", "wall", "baseline", "ours", "peer's", "compile", "")
+
+
+def figure(value: float | None, unit: str) -> str:
+    """A ratio or seconds with three digits; a dash where there is none."""
+    return "-" if value is None else f"{value:.2f}{unit}"
+
+
+def duration(seconds: float | None, items: int) -> str:
+    """Time of one item in a readable unit."""
+    if seconds is None:
+        return "-"
+    each = seconds / items
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if each >= size:
+            return f"{each / size:.3g} {unit}"
+    return f"{each * 1e9:.3g} ns"
+
+
+def verdict(benchmark: Benchmark, measured: Measured | str, baseline: float | None) -> str:
+    """Empty where the gate lets it pass, otherwise why it does not."""
+    if isinstance(measured, str):
+        return measured
+    if not measured.reached <= benchmark.asked:  # NaN fails too
+        return "slower than asked"
+    if baseline is not None and not measured.reached <= MARGIN * baseline:
+        return f"more than {MARGIN:g} times the baseline"
+    return ""
+
+
+def table(rows: list[tuple[Benchmark, Measured | str]], baseline: dict[str, float]) -> str:
+    """Asked and reached side by side; ratios are our CPU time over the peer's, times are for one item."""
+    lines = [COLUMNS]
+    for benchmark, measured in rows:
+        known = baseline.get(benchmark.name)
+        found = Measured(float("nan")) if isinstance(measured, str) else measured
+        failure = verdict(benchmark, measured, known)
+        lines.append(
+            (
+                benchmark.name,
+                benchmark.peer,
+                f"<= {figure(benchmark.asked, benchmark.unit)}",
+                "-" if isinstance(measured, str) else figure(found.reached, benchmark.unit),
+                figure(found.median, benchmark.unit),
+                figure(found.wall, benchmark.unit),
+                figure(known, benchmark.unit),
+                duration(found.ours_s, found.items),
+                duration(found.peer_s, found.items),
+                figure(found.compile_s, " s"),
+                "  ".join(filter(None, [f"FAILED: {failure}" if failure else "ok", found.note])),
+            )
+        )
+    widths = [max(len(line[i]) for line in lines) for i in range(len(COLUMNS))]
+    left = {0, 1, len(COLUMNS) - 1}
+
+    def cell(i: int, text: str) -> str:
+        return text.ljust(widths[i]) if i in left else text.rjust(widths[i])
+
+    return "\n".join("  ".join(cell(i, text) for i, text in enumerate(line)).rstrip() for line in lines)
+
+
+def machine() -> dict[str, str]:
+    """What a ratio may depend on, and nothing that names the computer."""
+    try:
+        compiler = compiler_version()
+    except MissingPeer as error:
+        compiler = str(error)
+    versions = {name: importlib.metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    return {"processor": processor(), "compiler": compiler, "python": platform.python_version(), **versions}
+
+
+def read_baseline() -> dict[str, float]:
+    """Committed ratios by the benchmark's name; empty where there are none yet."""
+    return json.loads(BASELINE.read_text())["ratios"] if BASELINE.exists() else {}
+
+
+def write_baseline(rows: list[tuple[Benchmark, Measured | str]]) -> None:
+    """Writes what was measured now over what the file holds; seconds depend on the machine and are left out."""
+    ratios = read_baseline()
+    for benchmark, measured in rows:
+        if benchmark.unit == "x" and isinstance(measured, Measured):
+            ratios[benchmark.name] = round(measured.reached, 3)
+    BASELINE.write_text(json.dumps({"machine": machine(), "ratios": ratios}, indent=2) + "\n")

@@ -1,0 +1,36 @@
+"""The list of benchmarks: what is measured, and what was asked of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from .timing import Measured
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A measurement and the largest figure that passes.
+
+    **Arguments**: unit: "x" for our time over the peer's, "s" for seconds.
+    """
+
+    name: str
+    peer: str
+    asked: float
+    unit: Literal["x", "s"]
+    measure: Callable[[], Measured]
+
+
+BENCHMARKS: dict[str, Benchmark] = {}
+
+
+def benchmark(name: str, *, peer: str, asked: float, unit: Literal["x", "s"] = "x"):
+    """Puts a function that measures into the list."""
+
+    def register(measure: Callable[[], Measured]) -> Callable[[], Measured]:
+        if name in BENCHMARKS:
+            raise ValueError(f"two benchmarks are called {name}")
+        BENCHMARKS[name] = Benchmark(name, peer, asked, unit, measure)
+        return measure
+
+    return register
