@@ -28,8 +28,9 @@ _COS = (
 
 
 def _horner(z: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Array, "..."]:
-    value = coefficients[-1]
-    for c in reversed(coefficients[:-1]):
+    *rest, before, last = coefficients
+    value = before + z * last
+    for c in reversed(rest):
         value = c + z * value
     return value
 

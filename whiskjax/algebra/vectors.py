@@ -11,12 +11,13 @@ from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-Component: TypeAlias = Float[Array, "..."] | float | int
-Vec2: TypeAlias = tuple[Component, Component]
-Vec3: TypeAlias = tuple[Component, Component, Component]
-Mat3: TypeAlias = tuple[Vec3, Vec3, Vec3]
+# Float[Array, "..."] or one of the ints 0, 1, -1; which of them is decided while tracing, where a type checker cannot follow.
+Component: TypeAlias = Any
+Vec2: TypeAlias = tuple[Component, ...]
+Vec3: TypeAlias = tuple[Component, ...]
+Mat3: TypeAlias = tuple[Vec3, ...]
 
 IDENTITY: Mat3 = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 ZERO: Vec3 = (0, 0, 0)
@@ -113,7 +114,7 @@ def matmul(m: Sequence[Sequence[Component]], n: Sequence[Sequence[Component]]) -
     return tuple(tuple(dot(row, column) for column in columns) for row in m)
 
 
-def unstack(x: Float[Array, "... n"]) -> tuple[Float[Array, "..."], ...]:
+def unstack(x: Float[ArrayLike, "... n"]) -> tuple[Float[Array, "..."], ...]:
     """Components of an array along its last axis."""
     x = jnp.asarray(x)
     return tuple(x[..., i] for i in range(x.shape[-1]))

@@ -75,7 +75,7 @@ def _zeros_like_field(node: Any, name: str) -> Any:
     if isinstance(node, Correction):
         return jnp.zeros((node.basis.size, 3))
     if isinstance(node, PosePerImage):
-        return jnp.zeros((node.position_m[0].shape[0], 3))  # pyright: ignore[reportAttributeAccessIssue]
+        return jnp.zeros((node.position_m[0].shape[0], 3))
     if name == "distortion":
         return jnp.zeros(5)
     if name == "deformation_px":

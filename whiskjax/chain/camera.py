@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import Component, Vec2, Vec3
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, WhiskjaxError, is_traced
 from ..rules.results import choose, failure_if
 from .shot import Shot
 
@@ -26,7 +26,7 @@ def parameter(value: Any) -> Any:
 
 def positive_focal(focal_px: Any) -> None:
     """Refuse a focal length that is not positive; silent while tracing or inside tree operations."""
-    if isinstance(focal_px, np.ndarray | jax.Array) and not isinstance(focal_px, jax.core.Tracer):
+    if isinstance(focal_px, np.ndarray | jax.Array) and not is_traced(focal_px):
         if not bool(np.all(np.asarray(focal_px) > 0)):
             raise WhiskjaxError(f"the focal length is a positive number of pixels, not {np.asarray(focal_px)}")
 
@@ -175,7 +175,7 @@ class FrameCamera(AbstractCamera):
 
     def check_direction(self, q: Vec3) -> RESULTS:
         """In front of the camera, and inside the invertible radius."""
-        behind = ~(q[2] < 0)  # pyright: ignore[reportOperatorIssue]
+        behind = ~(q[2] < 0)
         w = -1 / jnp.where(behind, -1.0, q[2])
         folded = jnp.logical_not(self._unfolded(q[0] * w, q[1] * w))
         result = failure_if(folded, RESULTS.distortion_not_invertible)

@@ -7,9 +7,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..algebra.vectors import IDENTITY, ZERO, Vec3
+from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
 from ..rules import RESULTS, WhiskjaxError
 from ..rules.results import choose
 from .link import AbstractLink
@@ -27,11 +27,11 @@ class AbstractBasis(eqx.Module):
         """Number of coefficients."""
 
     @abc.abstractmethod
-    def weights(self, t: Float[Array, "..."]) -> list[tuple[Int[Array, "..."] | int, Float[Array, "..."] | int]]:
+    def weights(self, t: Component) -> list[tuple[Component, Component]]:
         """Pairs (coefficient index, weight) that act at each time."""
 
     @abc.abstractmethod
-    def check(self, t: Float[Array, "..."]) -> RESULTS:
+    def check(self, t: Component) -> RESULTS:
         """Whether the basis reaches each time."""
 
 
@@ -95,7 +95,7 @@ class _Uniform(AbstractBasis):
         return i, x - i.astype(x.dtype) - 1
 
     @abc.abstractmethod
-    def _four(self, u):
+    def _four(self, u: Component) -> tuple[Component, ...]:
         """Weights of the four neighbours."""
 
     def weights(self, t):
@@ -153,16 +153,16 @@ class Correction(AbstractLink):
             if c is not None and c.shape != (self.basis.size, 3):
                 raise WhiskjaxError(f"{name} has shape {c.shape}, expected ({self.basis.size}, 3): one row for each coefficient")
 
-    def _sum(self, coefficients: Float[Array, "k 3"], t: Float[Array, "..."]) -> Vec3:
+    def _sum(self, coefficients: Float[Array, "k 3"], t: Component) -> Vec3:
         terms = self.basis.weights(t)
-        return tuple(sum(w * coefficients[:, axis][i] for i, w in terms) for axis in range(3))  # pyright: ignore[reportReturnType]
+        return tuple(sum(w * coefficients[:, axis][i] for i, w in terms) for axis in range(3))
 
     def pose(self, shot: Shot) -> Pose:
         """The correction at each shot's time."""
         t = shot.time_s
-        rotation = IDENTITY if self.turn_rad is None else rotation_from_vector(self._sum(self.turn_rad, t))  # pyright: ignore[reportArgumentType]
-        return Pose(rotation, ZERO if self.shift_m is None else self._sum(self.shift_m, t))  # pyright: ignore[reportArgumentType]
+        rotation = IDENTITY if self.turn_rad is None else rotation_from_vector(self._sum(self.turn_rad, t))
+        return Pose(rotation, ZERO if self.shift_m is None else self._sum(self.shift_m, t))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the basis reaches the shot's time."""
-        return self.basis.check(shot.time_s)  # pyright: ignore[reportArgumentType]
+        return self.basis.check(shot.time_s)

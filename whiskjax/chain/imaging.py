@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import ZERO, Component, Vec2, Vec3, hold, norm, scale, stack, unstack
 from ..earth.surface import AbstractSurface
@@ -87,7 +87,7 @@ def _ray(sensor: Sensor, shot: Shot, pixel: Vec2) -> Ray:
     return Ray(finish(origin, result), finish(scale(1 / norm(direction), direction), result), result)
 
 
-def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], *, throw: bool = True) -> Ray:
+def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, throw: bool = True) -> Ray:
     """Line of sight of a pixel.
 
     **Arguments:**
@@ -100,7 +100,7 @@ def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], *, throw: b
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _ray(sensor, shot, parts(pixel_px, 2, "ray"))  # pyright: ignore[reportArgumentType]
+    answer = _ray(sensor, shot, parts(pixel_px, 2, "ray"))
     if throw:
         raise_failures(answer.result, "ray")
     return answer
@@ -114,7 +114,7 @@ def _project(sensor: Sensor, shot: Shot, point: Vec3) -> Projection:
     return Projection(finish(camera.pixel(q), result), result)
 
 
-def project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"], *, throw: bool = True) -> Projection:
+def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, throw: bool = True) -> Projection:
     """Pixel of a ground point at the shot's own time (the collinearity equations: paper 000, equation 9).
 
     For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
@@ -130,7 +130,7 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"], *, throw
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _project(sensor, shot, parts(point_m, 3, "project"))  # pyright: ignore[reportArgumentType]
+    answer = _project(sensor, shot, parts(point_m, 3, "project"))
     if throw:
         raise_failures(answer.result, "project")
     return answer
@@ -147,7 +147,7 @@ def _image_to_ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractS
 
 
 def image_to_ground(
-    sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], surface: AbstractSurface, *, throw: bool = True
+    sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], surface: AbstractSurface, *, throw: bool = True
 ) -> GroundPoint:
     """Where on a surface a pixel looks.
 
@@ -162,7 +162,7 @@ def image_to_ground(
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _image_to_ground(sensor, shot, parts(pixel_px, 2, "image_to_ground"), surface)  # pyright: ignore[reportArgumentType]
+    answer = _image_to_ground(sensor, shot, parts(pixel_px, 2, "image_to_ground"), surface)
     if throw:
         raise_failures(answer.result, "image_to_ground")
     return answer

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..rules import RESULTS, WhiskjaxError
 from ..rules.results import choose
@@ -24,7 +24,7 @@ class Knots(eqx.Module):
     buckets_per_s: Float[Array, ""]
     steps: int = eqx.field(static=True)
 
-    def __init__(self, time_s: Float[Array, " n"], max_gap_s: float, what: str):
+    def __init__(self, time_s: Float[ArrayLike, " n"], max_gap_s: float, what: str):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds, at least two.

@@ -96,7 +96,7 @@ class LineCamera(AbstractCamera):
 
     def check_direction(self, q: Vec3) -> RESULTS:
         """In front of the camera."""
-        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)  # pyright: ignore[reportOperatorIssue]
+        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)
 
     def check_pixel(self, pixel: Vec2) -> RESULTS:
         """Every pixel has a direction."""
@@ -190,7 +190,7 @@ class LookTable(AbstractCamera):
 
     def check_direction(self, q: Vec3) -> RESULTS:
         """In front of the camera."""
-        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)  # pyright: ignore[reportOperatorIssue]
+        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)
 
     def check_pixel(self, pixel: Vec2) -> RESULTS:
         """Every pixel has a direction."""

@@ -45,7 +45,7 @@ class Mount(AbstractLink):
     def pose(self, shot: Shot) -> Pose:
         """The same for every shot."""
         translation = ZERO if self.lever_arm_m is None else scale(self.lever_sign, unstack(self.lever_arm_m))
-        rotation = IDENTITY if self.angles_rad is None else rotation_from_angles(unstack(self.angles_rad), self.order)  # pyright: ignore[reportArgumentType]
+        rotation = IDENTITY if self.angles_rad is None else rotation_from_angles(unstack(self.angles_rad), self.order)
         return Pose(rotation, translation)
 
     def check(self, shot: Shot) -> RESULTS:
@@ -71,7 +71,7 @@ class Axes(AbstractLink):
     def _rotation(self) -> Mat3:
         images = [(-1 if w[0] == "-" else 1, "xyz".index(w[-1])) for w in self.axes.split()]
         rows = tuple(tuple(sign if row == axis else 0 for sign, axis in images) for row in range(3))
-        return rows  # pyright: ignore[reportReturnType]
+        return rows
 
     def pose(self, shot: Shot) -> Pose:
         """The same for every shot, all structural."""

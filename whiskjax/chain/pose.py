@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import (
     IDENTITY,
@@ -31,10 +31,10 @@ class Pose(eqx.Module):
     translation: Vec3 = ZERO
 
     @classmethod
-    def from_arrays(cls, rotation: Float[Array, "... 3 3"], translation_m: Float[Array, "... 3"]) -> "Pose":
+    def from_arrays(cls, rotation: Float[ArrayLike, "... 3 3"], translation_m: Float[ArrayLike, "... 3"]) -> "Pose":
         """A pose from a rotation matrix (..., 3, 3) and a translation (..., 3) in metres."""
         rows = unstack(jnp.moveaxis(jnp.asarray(rotation), -2, -1))
-        return cls(tuple(unstack(row) for row in rows), unstack(translation_m))  # pyright: ignore[reportArgumentType]
+        return cls(tuple(unstack(row) for row in rows), unstack(translation_m))
 
     @property
     def matrix(self) -> Float[Array, "... 3 3"]:

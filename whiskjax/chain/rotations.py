@@ -1,12 +1,14 @@
 """Rotations: named-order angles, quaternions (x, y, z, w), rotation vectors. All active, right-handed."""
 
+from typing import TypeAlias
+
 import jax.numpy as jnp
 
 from ..algebra.angles import ELEMENTARY, sincos
 from ..algebra.vectors import Component, Mat3, Vec3, dot, matmul, mul, scale, sub, vadd
 from ..rules import WhiskjaxError
 
-Quaternion = tuple[Component, Component, Component, Component]
+Quaternion: TypeAlias = tuple[Component, ...]
 _AXES = "xyz"
 
 

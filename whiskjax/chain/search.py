@@ -6,7 +6,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import Component, Vec3
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
@@ -94,8 +94,8 @@ def _ground_to_image(
 def ground_to_image(
     sensor: Sensor,
     shot: Shot,
-    point_m: Float[Array, "... 3"],
-    window_s: tuple[Float[Array, "..."], Float[Array, "..."]] | None = None,
+    point_m: Float[ArrayLike, "... 3"],
+    window_s: tuple[Float[ArrayLike, "..."], Float[ArrayLike, "..."]] | None = None,
     *,
     clip: bool = True,
     throw: bool = True,
@@ -127,8 +127,8 @@ def ground_to_image(
             else "a frame camera exposes the image at once: leave window_s out"
         )
     if window_s is not None:
-        window_s = tuple(jnp.asarray(w, dtype=jnp.float64) for w in window_s)  # pyright: ignore[reportAssignmentType]
-    answer = _ground_to_image(sensor, shot, point, window_s, clip)  # pyright: ignore[reportArgumentType]
+        window_s = jnp.asarray(window_s[0], dtype=jnp.float64), jnp.asarray(window_s[1], dtype=jnp.float64)
+    answer = _ground_to_image(sensor, shot, point, window_s, clip)
     if throw:
         raise_failures(answer.result, "ground_to_image")
     return answer

@@ -3,22 +3,22 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..rules import is_traced
 from .pose import Pose
 
 KEYS = ("image", "swing", "view", "strip")
 
 
 def _time(value: Any) -> Any:
-    return value if value is None or isinstance(value, jax.core.Tracer) else jnp.asarray(value, dtype=float)
+    return value if value is None or is_traced(value) else jnp.asarray(value, dtype=float)
 
 
 def _key(value: Any) -> Any:
-    if value is None or isinstance(value, int | jax.core.Tracer):
+    if value is None or isinstance(value, int) or is_traced(value):
         return value
     if isinstance(value, np.integer):
         return int(value)

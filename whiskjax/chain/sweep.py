@@ -43,7 +43,7 @@ def sweep(sensor: Sensor, shot: Shot, point: Vec3, fence: bool = False) -> Sweep
     for name in sensor.names:
         points[name] = point = poses[name].into(point)
     camera = sensor.camera_at(shot)
-    point = tuple(jnp.asarray(c) for c in point)  # pyright: ignore[reportAssignmentType]
+    point = tuple(jnp.asarray(c) for c in point)
     derivative = transpose(columns(lambda *q: camera.pixel(q), point))
     derivatives = {}
     for name, outer in zip(reversed(sensor.names), (*reversed(sensor.names[:-1]), "earth"), strict=True):

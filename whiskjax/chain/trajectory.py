@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
@@ -45,12 +45,12 @@ class Trajectory(AbstractLink):
 
     def __init__(
         self,
-        time_s: Float[Array, " n"],
-        position_m: Float[Array, "n 3"],
-        quaternion_xyzw: Float[Array, "n 4"],
+        time_s: Float[ArrayLike, " n"],
+        position_m: Float[ArrayLike, "n 3"],
+        quaternion_xyzw: Float[ArrayLike, "n 4"],
         *,
         max_gap_s: float,
-        velocity_mps: Float[Array, "n 3"] | None = None,
+        velocity_mps: Float[ArrayLike, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
     ):
@@ -80,10 +80,10 @@ class Trajectory(AbstractLink):
                     f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
                 )
         quaternion = unit_quaternions(quaternion)
-        self.position_m = unstack(jnp.asarray(position))  # pyright: ignore[reportAttributeAccessIssue]
-        self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))  # pyright: ignore[reportAttributeAccessIssue]
-        self.quaternion = unstack(jnp.asarray(quaternion))  # pyright: ignore[reportAttributeAccessIssue]
-        self.turn_rad = unstack(jnp.asarray(relative_turns(quaternion)))  # pyright: ignore[reportAttributeAccessIssue]
+        self.position_m = unstack(jnp.asarray(position))
+        self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))
+        self.quaternion = unstack(jnp.asarray(quaternion))
+        self.turn_rad = unstack(jnp.asarray(relative_turns(quaternion)))
         self.max_gap_s = float(max_gap_s)
         self.delay_s = delay_s
         self.attitude_delay_s = attitude_delay_s
@@ -91,16 +91,16 @@ class Trajectory(AbstractLink):
     @classmethod
     def from_geodetic(
         cls,
-        time_s: Float[Array, " n"],
-        lat_rad: Float[Array, " n"],
-        lon_rad: Float[Array, " n"],
-        height_m: Float[Array, " n"],
-        roll_rad: Float[Array, " n"],
-        pitch_rad: Float[Array, " n"],
-        heading_rad: Float[Array, " n"],
+        time_s: Float[ArrayLike, " n"],
+        lat_rad: Float[ArrayLike, " n"],
+        lon_rad: Float[ArrayLike, " n"],
+        height_m: Float[ArrayLike, " n"],
+        roll_rad: Float[ArrayLike, " n"],
+        pitch_rad: Float[ArrayLike, " n"],
+        heading_rad: Float[ArrayLike, " n"],
         *,
         max_gap_s: float,
-        velocity_ned_mps: Float[Array, "n 3"] | None = None,
+        velocity_ned_mps: Float[ArrayLike, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
     ) -> "Trajectory":
@@ -128,19 +128,19 @@ class Trajectory(AbstractLink):
         translation = self._position(i, w, length)
         if not is_structural(self.attitude_delay_s, 0):
             i, w, _ = self.knots.locate(t + self.attitude_delay_s)
-        start: Quaternion = tuple(q[i] for q in self.quaternion)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
-        part: Vec3 = tuple(w * r[i] for r in self.turn_rad)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
+        start: Quaternion = tuple(q[i] for q in self.quaternion)
+        part: Vec3 = tuple(w * r[i] for r in self.turn_rad)
         return Pose(rotation_from_quaternion(quaternion_product(start, quaternion_from_vector(part))), translation)
 
     def _position(self, i, w, length) -> Vec3:
         before, after = (tuple(p[i + k] for p in self.position_m) for k in (0, 1))
         if self.velocity_mps is None:
-            return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))  # pyright: ignore[reportReturnType]
+            return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))
         # Cubic Hermite: value and velocity are met at both samples.
         leave, arrive = (tuple(length * v[i + k] for v in self.velocity_mps) for k in (0, 1))
         u = 1 - w
         far, near_slope, far_slope = w * w * (3 - 2 * w), w * u * u, -w * w * u
-        return tuple(  # pyright: ignore[reportReturnType]
+        return tuple(
             a + far * (b - a) + near_slope * va + far_slope * vb
             for a, b, va, vb in zip(before, after, leave, arrive, strict=True)
         )
@@ -168,10 +168,10 @@ class PosePerImage(AbstractLink):
 
     def __init__(
         self,
-        position_m: Float[Array, "n 3"],
-        quaternion_xyzw: Float[Array, "n 4"],
-        turn_rad: Float[Array, "n 3"] | None = None,
-        shift_m: Float[Array, "n 3"] | None = None,
+        position_m: Float[ArrayLike, "n 3"],
+        quaternion_xyzw: Float[ArrayLike, "n 4"],
+        turn_rad: Float[ArrayLike, "n 3"] | None = None,
+        shift_m: Float[ArrayLike, "n 3"] | None = None,
     ):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")
@@ -185,26 +185,27 @@ class PosePerImage(AbstractLink):
             if not np.isfinite(value).all():
                 raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
         quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-        self.position_m = unstack(jnp.asarray(position))  # pyright: ignore[reportAttributeAccessIssue]
-        self.quaternion = unstack(jnp.asarray(quaternion))  # pyright: ignore[reportAttributeAccessIssue]
+        self.position_m = unstack(jnp.asarray(position))
+        self.quaternion = unstack(jnp.asarray(quaternion))
         self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
         self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
 
     def pose(self, shot: Shot) -> Pose:
         """The pose of each shot's image."""
         i = shot.image
-        rotation = rotation_from_quaternion(tuple(q[i] for q in self.quaternion))  # pyright: ignore[reportArgumentType, reportIndexIssue]
-        translation: Vec3 = tuple(p[i] for p in self.position_m)  # pyright: ignore[reportAssignmentType, reportIndexIssue]
+        rotation = rotation_from_quaternion(tuple(q[i] for q in self.quaternion))
+        translation: Vec3 = tuple(p[i] for p in self.position_m)
         small = Pose(
-            rotation_from_vector(unstack(self.turn_rad[i])) if self.turn_rad is not None else Pose().rotation,  # pyright: ignore[reportArgumentType]
-            unstack(self.shift_m[i]) if self.shift_m is not None else ZERO,  # pyright: ignore[reportArgumentType]
+            rotation_from_vector(unstack(self.turn_rad[i])) if self.turn_rad is not None else Pose().rotation,
+            unstack(self.shift_m[i]) if self.shift_m is not None else ZERO,
         )
         return Pose(rotation, translation) @ small
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether each image has a pose."""
-        n = self.position_m[0].shape[0]  # pyright: ignore[reportAttributeAccessIssue]
-        known = jnp.asarray((shot.image >= 0) & (shot.image < n))  # pyright: ignore[reportOptionalOperand]
+        n = self.position_m[0].shape[0]
+        image = jnp.asarray(shot.image)
+        known = (image >= 0) & (image < n)
         return choose(known, RESULTS.successful, RESULTS.unknown_key)
 
 

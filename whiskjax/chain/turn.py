@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import ELEMENTARY
 from ..algebra.vectors import Component, add, is_structural, mul
@@ -28,7 +28,9 @@ class Encoder(eqx.Module):
     angle_rad: Float[Array, " n"]
     max_gap_s: float = eqx.field(static=True)
 
-    def __init__(self, time_s: Float[Array, " n"], angle_rad: Float[Array, " n"], max_gap_s: float, name: str = "encoder"):
+    def __init__(
+        self, time_s: Float[ArrayLike, " n"], angle_rad: Float[ArrayLike, " n"], max_gap_s: float, name: str = "encoder"
+    ):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds.

@@ -5,7 +5,7 @@ World frame: ECEF, EPSG:4978; geodetic latitude, longitude and ellipsoidal heigh
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Vec3, stack, unstack
@@ -117,7 +117,7 @@ def _geodetic_from_ecef_jvp(primals, tangents):
 
 
 def geodetic_to_ecef(
-    lat_rad: Float[Array, "..."], lon_rad: Float[Array, "..."], height_m: Float[Array, "..."]
+    lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."], height_m: Float[ArrayLike, "..."]
 ) -> Float[Array, "... 3"]:
     """ECEF position of a geodetic position (WGS-84).
 
@@ -136,7 +136,7 @@ def geodetic_to_ecef(
 
 
 def ecef_to_geodetic(
-    point_ecef_m: Float[Array, "... 3"],
+    point_ecef_m: Float[ArrayLike, "... 3"],
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Geodetic position of an ECEF position (WGS-84).
 

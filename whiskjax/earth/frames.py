@@ -1,7 +1,7 @@
 """Local frames at a point of the ellipsoid: north-east-down (NED) and east-north-up (ENU)."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Mat3, stack
@@ -20,14 +20,14 @@ def ecef_from_enu(lat_rad: Component, lon_rad: Component) -> Mat3:
     return ((-sl, -s * cl, c * cl), (cl, -s * sl, c * sl), (0, c, s))
 
 
-def ned_rotation(lat_rad: Float[Array, "..."], lon_rad: Float[Array, "..."]) -> Float[Array, "... 3 3"]:
+def ned_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_ned at a geodetic latitude and longitude in radians; columns north, east, down."""
     require_x64("ned_rotation")
     lat, lon = (jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad))
     return jnp.stack([stack(row) for row in ecef_from_ned(lat, lon)], axis=-2)
 
 
-def enu_rotation(lat_rad: Float[Array, "..."], lon_rad: Float[Array, "..."]) -> Float[Array, "... 3 3"]:
+def enu_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_enu at a geodetic latitude and longitude in radians; columns east, north, up."""
     require_x64("enu_rotation")
     lat, lon = (jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad))

@@ -69,7 +69,7 @@ class Observations:
     def take(self, keep: np.ndarray) -> "Observations":
         """Those observations, by mask or index."""
         index = np.arange(len(self))[keep]
-        pick = {
+        pick: dict[str, Any] = {
             f: np.asarray(v)[index]
             for f in ("image", "swing", "view", "strip")
             if (v := _array(self.shot, f, len(self))) is not None
@@ -82,8 +82,8 @@ class Observations:
             self.sigma_px[index],
             self.is_control[index],
             None if self.point_covariance_m2 is None else self.point_covariance_m2[index],
-            [self.images[i] for i in index] if len(self.images) else (),
-            [self.points[i] for i in index] if len(self.points) else (),
+            [self.images[int(i)] for i in index] if len(self.images) else (),
+            [self.points[int(i)] for i in index] if len(self.points) else (),
         )
 
     def key(self, name: str) -> np.ndarray | None:

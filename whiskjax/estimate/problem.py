@@ -5,6 +5,7 @@ is the residual u itself.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,7 +37,7 @@ class Group(eqx.Module):
     shot: Shot
     point: Vec3
     pixel: Vec2
-    weight: tuple[Component, Component, Component]
+    weight: tuple[Component, ...]
 
 
 class Problem(eqx.Module):
@@ -123,7 +124,7 @@ def _groups(
         padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
         w = weight[padded].copy()
         w[len(index) :] = 0.0
-        keys = {key: int(c) for key, c in zip(choosing, code, strict=False)}
+        keys: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=False)}
         for key in KEYS:
             if key not in keys and (value := observations.key(key)) is not None:
                 keys[key] = value[padded]
@@ -132,9 +133,9 @@ def _groups(
         groups.append(
             Group(
                 shot,
-                _columns(observations.point_m[padded]),  # pyright: ignore[reportArgumentType]
-                _columns(observations.pixel_px[padded]),  # pyright: ignore[reportArgumentType]
-                _columns(w),  # pyright: ignore[reportArgumentType]
+                _columns(observations.point_m[padded]),
+                _columns(observations.pixel_px[padded]),
+                _columns(w),
             )
         )
         indices.append(index)

@@ -72,7 +72,9 @@ class Unknown:
     @property
     def size(self) -> float:
         """What whitens it: the prior sigma, or the scale."""
-        return self.sigma if self.sigma is not None else self.scale  # pyright: ignore[reportReturnType]
+        size = self.sigma if self.sigma is not None else self.scale
+        assert size is not None  # __post_init__ asked for one of the two
+        return size
 
 
 def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:

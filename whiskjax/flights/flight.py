@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -123,7 +124,7 @@ class Flight:
         """
         image_index = np.asarray(image_index)
         keys = {key: [self.key_index(image, key) for image in self.images] for key in KEYS}
-        picked = {key: np.asarray(v)[image_index] for key, v in keys.items() if v and v[0] is not None}
+        picked: dict[str, Any] = {key: np.asarray(v)[image_index] for key, v in keys.items() if v and v[0] is not None}
         if not self.is_line:
             times = [image.time_s for image in self.images]
             if all(t is None for t in times):
@@ -163,8 +164,8 @@ class Flight:
             np.stack([m.sigma_sample_px[keep], m.sigma_line_px[keep]], axis=-1),
             role[keep] == "control",
             self.point_covariance_m2()[point],
-            [self.images[i].name for i in image],
-            [self.points.names[i] for i in point],
+            [self.images[int(i)].name for i in image],
+            [self.points.names[int(i)] for i in point],
         )
 
     def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:

@@ -4,6 +4,7 @@ from .errors import FlightError as FlightError
 from .errors import SensorError as SensorError
 from .errors import WhiskjaxError as WhiskjaxError
 from .extras import import_extra as import_extra
+from .precision import is_traced as is_traced
 from .precision import require_x64 as require_x64
 from .results import RESULTS as RESULTS
 from .results import first_failure as first_failure

@@ -1,6 +1,9 @@
-"""float64 where float32 would be wrong without saying so."""
+"""float64 where float32 would be wrong without saying so, and the difference between tracing and computing."""
+
+from typing import Any
 
 import jax
+import jax.core
 
 
 def require_x64(what: str) -> None:
@@ -15,3 +18,8 @@ def require_x64(what: str) -> None:
             f"{what} needs float64: float32 would be wrong by half a metre without saying so. Paste this before the "
             'first use of jax:\n    import jax; jax.config.update("jax_enable_x64", True)'
         )
+
+
+def is_traced(value: Any) -> bool:
+    """Whether an array is a tracer, whose number is not known yet."""
+    return isinstance(value, jax.core.Tracer)
