@@ -44,6 +44,7 @@ from .estimate.losses import Huber as Huber
 from .estimate.observations import Observations as Observations
 from .estimate.unknown import Unknown as Unknown
 from .flights.flight import Flight as Flight
+from .locate.intersection import intersect as intersect
 from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError

@@ -13,7 +13,7 @@ from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.sweep import sweep
-from ..rules import RESULTS, SensorError, first_failure, require_x64
+from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
 from ..rules.results import codes_of, is_successful, message_of
 from .diagnosis import consistency, warnings_of
 from .least_squares import jacobian, levenberg_marquardt
@@ -35,7 +35,7 @@ class Fit(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """A calibrated sensor, and everything that says how far to trust it.
+    """A calibrated sensor, and problem that says how far to trust it.
 
     Values and sigmas are in the unit of the fields (m, rad, s, px); `Unknown.unit` shows them to people. Residuals are measured -
     projected in pixels, (n, 2) as (sample or column, line or row), for control and check points alike.
@@ -90,17 +90,16 @@ def calibrate(
     be imaged, or the unknowns that nothing determines.
     """
     require_x64("calibrate")
+    if not observations.is_control.any():
+        raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")
     refuse_unseen(sensor, observations)
     weight = _weights(sensor, observations)
-    everything, start, indices = pose_problem(sensor, observations, unknowns, weight, loss)
-    if not observations.is_control.any():
-        raise SensorError("calibrate: all points are check points; at least one control point is needed")
-    control = np.where(observations.is_control[:, None], weight, 0.0)
-    problem, _, _ = pose_problem(sensor, observations, unknowns, control, loss)
+    used = observations.is_control
+    problem, start, indices = pose_problem(sensor, observations, unknowns, np.where(used[:, None], weight, 0.0), loss)
 
     solved = levenberg_marquardt(problem, jnp.asarray(start), max_steps)
     u = np.asarray(solved.u)
-    state = _evaluate(everything, jnp.asarray(start), solved.u)
+    state = _evaluate(problem, jnp.asarray(start), solved.u)
     n = len(observations)
     before, after, rows, robust = (stack_rows(list(part), indices, n) for part in zip(*state, strict=True))
     robust = robust[:, 0]
@@ -108,7 +107,6 @@ def calibrate(
     names = [x.name for x in unknowns]
     has_prior = np.array([x.sigma is not None for x in unknowns])
     scale = np.array([x.size for x in unknowns])
-    used = observations.is_control
     jac = (np.sqrt(robust[used])[:, None, None] * rows[used]).reshape(-1, len(unknowns))
     trust = posterior(jac, scale, has_prior, names)
     whitened = _whiten(weight, after)[used]
@@ -118,11 +116,11 @@ def calibrate(
     result = solved.result
     if not trust.is_determined:
         result = first_failure(result, RESULTS.rank_deficient)
-    value = np.asarray(everything.mean) + scale * u
+    value = np.asarray(problem.mean) + scale * u
     answer = Calibration(
-        sensor=everything.put(solved.u),
+        sensor=problem.put(solved.u),
         unknowns=tuple(unknowns),
-        start=np.asarray(everything.mean) + scale * start,
+        start=np.asarray(problem.mean) + scale * start,
         value=value,
         posterior=trust,
         fit=Fit(factor, tail, sound, freedom),
