@@ -43,6 +43,8 @@ from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
 from .estimate.observations import Observations as Observations
 from .estimate.unknown import Unknown as Unknown
+from .files.read import read_flight as read_flight
+from .files.write import write_flight as write_flight
 from .flights.flight import Flight as Flight
 from .locate.intersection import intersect as intersect
 from .rules import RESULTS as RESULTS

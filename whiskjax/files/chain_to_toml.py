@@ -1,0 +1,242 @@
+"""A sensor as the [[chain]] and [camera] of flight.toml, and the tables that they name."""
+
+import re
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..chain.by import By
+from ..chain.camera import FrameCamera
+from ..chain.correction import Bias, Correction, Drift, OrientationImages, Spline
+from ..chain.line_camera import LineCamera, LookTable
+from ..chain.link import AbstractLink, Fixed
+from ..chain.mounts import Axes, Mount
+from ..chain.sensor import Sensor
+from ..chain.trajectory import PosePerImage, Trajectory
+from ..chain.turn import Encoder, Turn
+from ..flights.flight import Flight
+from ..rules import FlightError
+from .chain_from_toml import SMALL_MOTION
+from .navigation import Samples, sample_texts
+from .tables import exact, rounded, table_text, texts
+from .units import degree_lists, degrees, floats
+
+# Encoder angles in degrees: 1e-13 deg is 2e-15 rad.
+_ENCODER_DEG = 1e-13
+
+
+class Tables:
+    """The CSV files of a flight being written, as text; encoders that share a clock share a file."""
+
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}
+        self._clocks: list[tuple[str, Float[np.ndarray, " n"], dict[str, list[str]]]] = []
+
+    def add(self, stem: str, label: str, text: str) -> str:
+        """The name of the file that holds this text: stem.csv for the first, stem_label.csv for others."""
+        for name, there in self.texts.items():
+            if there == text:
+                return name
+        name = f"{stem}.csv" if f"{stem}.csv" not in self.texts else f"{stem}_{label}.csv"
+        self.texts[name] = text
+        return name
+
+    def add_encoder(self, encoder: Encoder, label: str) -> tuple[str, str]:
+        """The file and the column (without its unit) that hold an encoder."""
+        time = np.asarray(encoder.knots.time_s)
+        angle = rounded(np.degrees(np.asarray(encoder.angle_rad)), _ENCODER_DEG)
+        same = [(file, columns) for file, clock, columns in self._clocks if np.array_equal(clock, time)]
+        if not same:
+            same = [("encoders.csv" if not self._clocks else f"encoders_{label}.csv", {})]
+            self._clocks.append((same[0][0], time, same[0][1]))
+        file, columns = same[0]
+        for name, there in columns.items():
+            if there == angle:
+                return file, name
+        columns[label] = angle
+        return file, label
+
+    def finished(self) -> dict[str, str]:
+        """All files."""
+        encoders = {
+            file: table_text({"time_s": exact(clock)} | {f"{name}_deg": angle for name, angle in columns.items()})
+            for file, clock, columns in self._clocks
+        }
+        return self.texts | encoders
+
+
+def chain_to_toml(flight: Flight, tables: Tables) -> list[dict[str, Any]]:
+    """The entries of [[chain]]; their tables are added.
+
+    **Raises:** `FlightError` where a link has no form on disk.
+    """
+    gap = max_gap_s(flight.sensor)
+    return [
+        {"frame": name} | _link(link, name, flight, tables, gap)
+        for name, link in zip(flight.sensor.names, flight.sensor.links, strict=True)
+    ]
+
+
+def max_gap_s(sensor: Sensor) -> float | None:
+    """The gap that [pos] states: that of the first trajectory or turn."""
+
+    def first(link: Any) -> float | None:
+        if isinstance(link, By):
+            return next((g for option in link.options if (g := first(option)) is not None), None)
+        if isinstance(link, Turn):
+            return link.encoder.max_gap_s
+        return link.max_gap_s if isinstance(link, Trajectory) else None
+
+    return next((g for link in sensor.links if (g := first(link)) is not None), None)
+
+
+def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: float | None) -> dict[str, Any]:
+    world = flight.world.kind
+    if isinstance(link, Trajectory):
+        columns = {"time_s": exact(link.knots.time_s)} | dict(sample_texts(_samples(link), world))
+        file = tables.add("pos", label, table_text(columns))
+        return _given(
+            link="trajectory",
+            file=None if file == "pos.csv" else file,
+            max_gap_s=None if link.max_gap_s == gap else link.max_gap_s,
+            delay_s=_number(link.delay_s),
+            attitude_delay_s=_number(link.attitude_delay_s),
+        )
+    if isinstance(link, PosePerImage):
+        columns = {"image": [image.name for image in flight.images]} | dict(sample_texts(_samples(link), world))
+        small = (degree_lists(link.turn_rad) if link.turn_rad is not None else None, link.shift_m)
+        for names, value in zip(SMALL_MOTION, small, strict=True):
+            if value is not None:
+                columns |= dict(zip(names, (exact(c) for c in np.asarray(value).T), strict=True))
+        file = tables.add("poses", label, table_text(columns))
+        return _given(link="poses", file=None if file == "poses.csv" else file)
+    if isinstance(link, Mount):
+        return _given(
+            link="mount",
+            lever_arm_m=_single(link.lever_arm_m, label),
+            angles_deg=None if link.angles_rad is None else degree_lists(_single(link.angles_rad, label)),
+            order=None if link.order == "xyz" else link.order,
+            lever_sign=None if link.lever_sign == 1 else link.lever_sign,
+        )
+    if isinstance(link, Axes):
+        return {"link": "axes", "axes": link.axes}
+    if isinstance(link, Fixed):
+        return {"link": "rotation", "matrix": [[float(v) for v in row] for row in link.rotation]}
+    if isinstance(link, Turn):
+        file, column = tables.add_encoder(link.encoder, label)
+        return _given(
+            link="turn",
+            axis=link.axis,
+            encoder=column if file == "encoders.csv" else {"file": file, "column": column},
+            sign=link.sign,
+            delay_s=_number(link.delay_s),
+            zero_deg=None if type(link.zero_rad) is int else degrees(float(link.zero_rad)),
+            max_gap_s=None if link.encoder.max_gap_s == gap else link.encoder.max_gap_s,
+        )
+    if isinstance(link, Correction):
+        return _given(
+            link="correction",
+            basis=_basis(link.basis),
+            turn_deg=None if link.turn_rad is None else degree_lists(link.turn_rad),
+            shift_m=None if link.shift_m is None else floats(link.shift_m),
+        )
+    if isinstance(link, By):
+        options = {n: _link(o, f"{label}_{_word(n)}", flight, tables, gap) for n, o in zip(link.names, link.options, strict=True)}
+        return {"link": "by", "key": link.key, "options": options}
+    raise FlightError(f"link {label!r} is a {type(link).__name__}, which has no form in a flight folder")
+
+
+def _samples(link: Trajectory | PosePerImage) -> Samples:
+    velocity = link.velocity_mps if isinstance(link, Trajectory) else None
+    return Samples(_rows(link.position_m), _rows(link.quaternion), None if velocity is None else _rows(velocity))
+
+
+def _rows(components: Any) -> np.ndarray:
+    return np.stack([np.asarray(c) for c in components], axis=-1)
+
+
+def _basis(basis: Any) -> dict[str, Any]:
+    if isinstance(basis, Bias):
+        return {"kind": "bias"}
+    if isinstance(basis, Drift):
+        return {"kind": "drift", "start_s": float(basis.start_s), "span_s": float(basis.span_s)}
+    if isinstance(basis, OrientationImages | Spline):
+        kind = "spline" if isinstance(basis, Spline) else "orientation_images"
+        return {"kind": kind, "start_s": float(basis.start_s), "spacing_s": float(basis.spacing_s), "nodes": basis.nodes}
+    raise FlightError(f"a correction on {type(basis).__name__} has no form in a flight folder")
+
+
+def camera_to_toml(camera: Any, tables: Tables, label: str = "camera") -> dict[str, Any]:
+    """The table [camera]; a focal length for each image goes to images.csv, see `focal_per_image`.
+
+    **Raises:** `FlightError` where a camera has no form on disk.
+    """
+    if isinstance(camera, FrameCamera):
+        return _given(
+            kind="frame",
+            focal_px=None if camera.per_image else _single(camera.focal_px, label),
+            principal_point_px=_single(camera.principal_point_px, label, 1),
+            distortion=_single(camera.distortion, label, 1),
+            size_px=_single(camera.size_px, label, 1),
+        )
+    if isinstance(camera, LineCamera):
+        return _given(
+            kind="line",
+            focal_px=_single(camera.focal_px, label, 0),
+            principal_sample_px=_single(camera.principal_sample_px, label, 0),
+            offset_px=_single(camera.offset_px, label, 0),
+            along=camera.along,
+            along_sign=int(camera.along_sign),
+            across_sign=int(camera.across_sign),
+            deformation_px=_single(camera.deformation_px, label, 2),
+            half_width_px=_single(camera.half_width_px, label, 0),
+            samples_px=_single(camera.samples_px, label, 1),
+        )
+    if isinstance(camera, LookTable):
+        slope = np.asarray(camera.slope)
+        columns = {"sample": exact(camera.sample_px), "x": exact(slope[:, 0]), "y": exact(slope[:, 1])}
+        file = tables.add("looks", label.removeprefix("camera_"), table_text(columns | {"z": ["-1"] * len(slope)}))
+        return _given(kind="looks", file=None if file == "looks.csv" else file)
+    if isinstance(camera, By):
+        options = {n: camera_to_toml(o, tables, f"{label}_{_word(n)}") for n, o in zip(camera.names, camera.options, strict=True)}
+        return {"kind": "by", "key": camera.key, "options": options}
+    raise FlightError(f"{label} is a {type(camera).__name__}, which has no form in a flight folder")
+
+
+def focal_per_image(flight: Flight) -> list[str]:
+    """The column focal_px of images.csv: empty texts where no camera has a focal length for each image."""
+    out = []
+    for i, image in enumerate(flight.images):
+        camera: Any = flight.sensor.camera
+        while isinstance(camera, By):
+            index = flight.key_index(image, camera.key)
+            assert index is not None
+            camera = camera.options[index]
+        out += exact([camera.focal_px[i]]) if isinstance(camera, FrameCamera) and camera.per_image else [""]
+    return out
+
+
+def _given(**entries: Any) -> dict[str, Any]:
+    """What is not None; an absent key means the default."""
+    return {key: value for key, value in entries.items() if value is not None}
+
+
+def _number(value: Any) -> float | None:
+    """A structural zero is left out, everything else is a number."""
+    return None if type(value) is int else float(value)
+
+
+def _single(value: Any, label: str, dimensions: int | None = None) -> Any:
+    """One value for all shots as lists of floats; None stays None."""
+    if value is None:
+        return None
+    dimensions = (0 if np.ndim(value) == 0 else 1) if dimensions is None else dimensions
+    if np.ndim(value) != dimensions:
+        raise FlightError(f"{label}: an array of shape {np.shape(value)} stands where one value for all shots is expected")
+    return floats(value)
+
+
+def _word(name: str) -> str:
+    """An option's name as a part of a file name or a column."""
+    return re.sub(r"\W+", "_", name) or texts([hash(name)])[0]

@@ -1,0 +1,273 @@
+"""flight.toml as pydantic models: what may stand in it, and nothing else. docs/flight-folder.md explains every key."""
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from ..rules import import_extra
+
+if TYPE_CHECKING:
+    import pydantic
+else:
+    pydantic = import_extra("pydantic", "files")
+
+Field = pydantic.Field
+
+Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Four = Annotated[list[float], Field(min_length=4, max_length=4)]
+Five = Annotated[list[float], Field(min_length=5, max_length=5)]
+Positive = Annotated[float, Field(gt=0)]
+Sign = Literal[1, -1]
+Key = Literal["image", "swing", "view", "strip"]
+
+
+class Model(pydantic.BaseModel):
+    """Strict: no unknown keys, no text that happens to be a number, no infinities."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class WorldTable(Model):
+    """[world]: what coordinates mean."""
+
+    kind: Literal["wgs84", "local"] = "wgs84"
+    origin: Three | None = None
+    height_datum: str = "ellipsoidal"
+
+
+class PixelTable(Model):
+    """[pixel]: how the files number pixels."""
+
+    first_pixel_centre: float = 0.0
+
+    @pydantic.field_validator("first_pixel_centre")
+    @classmethod
+    def _is_a_convention(cls, value: float) -> float:
+        if value not in (0.0, 0.5, 1.0):
+            raise ValueError("0, 0.5 or 1 is expected: the number that the files give the centre of the first pixel")
+        return value
+
+
+class PosTable(Model):
+    """[pos]: what holds for all POS and pose files."""
+
+    file: str = "pos.csv"
+    angles: Literal["roll_pitch_heading", "opk", "quaternion"] = "roll_pitch_heading"
+    reference_point: str = ""
+    max_gap_s: Positive | None = None
+
+
+class EncoderColumn(Model):
+    """Which column of which file holds an encoder's angle."""
+
+    column: str
+    file: str = "encoders.csv"
+
+
+def _as_column(value: Any) -> Any:
+    return {"column": value} if isinstance(value, str) else value
+
+
+def _as_list(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+class Link(Model):
+    """What all links have: the frame that they lead to, its name left out inside the options of a `by`."""
+
+    frame: str = ""
+
+
+class TrajectoryLink(Link):
+    """link = "trajectory"."""
+
+    link: Literal["trajectory"]
+    file: str | None = None
+    max_gap_s: Positive | None = None
+    delay_s: float | None = None
+    attitude_delay_s: float | None = None
+
+
+class PosesLink(Link):
+    """link = "poses"."""
+
+    link: Literal["poses"]
+    file: str = "poses.csv"
+
+
+class MountLink(Link):
+    """link = "mount"."""
+
+    link: Literal["mount"]
+    lever_arm_m: Three | None = None
+    angles_deg: Three | None = None
+    order: str = "xyz"
+    lever_sign: Sign = 1
+
+
+class AxesLink(Link):
+    """link = "axes"."""
+
+    link: Literal["axes"]
+    axes: str
+
+
+class RotationLink(Link):
+    """link = "rotation"."""
+
+    link: Literal["rotation"]
+    matrix: Annotated[list[Three], Field(min_length=3, max_length=3)]
+
+
+class TurnLink(Link):
+    """link = "turn"."""
+
+    link: Literal["turn"]
+    axis: Literal["x", "y", "z"]
+    encoder: Annotated[EncoderColumn, pydantic.BeforeValidator(_as_column)]
+    sign: Sign = 1
+    delay_s: float | None = None
+    zero_deg: float | None = None
+    max_gap_s: Positive | None = None
+
+
+class Basis(Model):
+    """How a correction varies in time."""
+
+    kind: Literal["bias", "drift", "orientation_images", "spline"]
+    start_s: float | None = None
+    span_s: Positive | None = None
+    spacing_s: Positive | None = None
+    nodes: Annotated[int, Field(ge=4)] | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _has_its_numbers(self) -> "Basis":
+        needs = {"bias": (), "drift": ("start_s", "span_s")}.get(self.kind, ("start_s", "spacing_s", "nodes"))
+        for name in ("start_s", "span_s", "spacing_s", "nodes"):
+            if (getattr(self, name) is not None) != (name in needs):
+                raise ValueError(f"a {self.kind} basis has {' and '.join(needs) or 'no further key'}")
+        return self
+
+
+class CorrectionLink(Link):
+    """link = "correction"."""
+
+    link: Literal["correction"]
+    basis: Basis
+    turn_deg: list[Three] | None = None
+    shift_m: list[Three] | None = None
+
+
+class ByLink(Link):
+    """link = "by"."""
+
+    link: Literal["by"]
+    key: Key
+    options: "dict[str, AnyLink]"
+
+
+AnyLink = Annotated[
+    TrajectoryLink | PosesLink | MountLink | AxesLink | RotationLink | TurnLink | CorrectionLink | ByLink,
+    Field(discriminator="link"),
+]
+
+
+class FrameCameraTable(Model):
+    """kind = "frame"."""
+
+    kind: Literal["frame"]
+    principal_point_px: Two
+    focal_px: Positive | None = None
+    distortion: Five | None = None
+    size_px: Two | None = None
+
+
+class LineCameraTable(Model):
+    """kind = "line"."""
+
+    kind: Literal["line"]
+    focal_px: Positive
+    principal_sample_px: float
+    offset_px: float = 0.0
+    along: Literal["x", "y"] = "x"
+    along_sign: Sign = 1
+    across_sign: Sign = 1
+    deformation_px: Annotated[list[Four], Field(min_length=2, max_length=2)] | None = None
+    half_width_px: Positive = 1.0
+    samples_px: Two | None = None
+
+
+class LooksCameraTable(Model):
+    """kind = "looks"."""
+
+    kind: Literal["looks"]
+    file: str = "looks.csv"
+
+
+class ByCameraTable(Model):
+    """kind = "by"."""
+
+    kind: Literal["by"]
+    key: Key
+    options: "dict[str, AnyCamera]"
+
+
+AnyCamera = Annotated[
+    FrameCameraTable | LineCameraTable | LooksCameraTable | ByCameraTable,
+    Field(discriminator="kind"),
+]
+
+
+class UnknownTable(Model):
+    """[[unknown]]: one number to be estimated, in the units of the file."""
+
+    name: str
+    where: Annotated[list[str], Field(min_length=1), pydantic.BeforeValidator(_as_list)]
+    prior_mean: float | None = None
+    prior_sigma: Positive | None = None
+    scale: Positive | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _prior_or_scale(self) -> "UnknownTable":
+        if (self.prior_mean is None) != (self.prior_sigma is None) or (self.prior_sigma is None) == (self.scale is None):
+            raise ValueError("either prior_mean and prior_sigma, or scale is expected")
+        return self
+
+
+class FlightTable(Model):
+    """The whole of flight.toml."""
+
+    format: Literal[1]
+    name: str
+    epoch: str = ""
+    notes: str = ""
+    world: WorldTable = WorldTable()
+    pixel: PixelTable = PixelTable()
+    pos: PosTable = PosTable()
+    chain: Annotated[list[AnyLink], Field(min_length=1)]
+    camera: AnyCamera
+    unknown: list[UnknownTable] = Field(default_factory=list)
+
+
+ByLink.model_rebuild()
+ByCameraTable.model_rebuild()
+FlightTable.model_rebuild()
+
+LINKS = {
+    "trajectory": TrajectoryLink,
+    "poses": PosesLink,
+    "mount": MountLink,
+    "axes": AxesLink,
+    "rotation": RotationLink,
+    "turn": TurnLink,
+    "by": ByLink,
+    "correction": CorrectionLink,
+}
+CAMERAS = {"frame": FrameCameraTable, "line": LineCameraTable, "looks": LooksCameraTable, "by": ByCameraTable}
+TABLES = {
+    "world": WorldTable,
+    "pixel": PixelTable,
+    "pos": PosTable,
+    "unknown": UnknownTable,
+    "encoder": EncoderColumn,
+    "basis": Basis,
+}

@@ -1,0 +1,69 @@
+"""A flight folder being read: what is open, which images there are, what was left out."""
+
+import dataclasses
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..rules import FlightError
+from .tables import Column, Sheet, Table, open_sheet
+
+if TYPE_CHECKING:
+    from .schema import FlightTable
+
+IMAGES = "images.csv"
+_IMAGE_COLUMNS = (
+    Column("image", text=True),
+    *(Column(key, required=False, blank=True, text=True) for key in ("view", "swing", "strip")),
+    Column("time_s", required=False, blank=True),
+    *(Column(name, required=False, blank=True, low=1e-9) for name in ("focal_px", "rows", "columns")),
+)
+
+
+@dataclasses.dataclass
+class Source:
+    """The folder, its flight.toml, the tables opened so far, and notes of columns that nothing uses."""
+
+    folder: Path
+    toml: "FlightTable"
+    sheets: dict[str, Sheet] = dataclasses.field(default_factory=dict)
+    left_out: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def first_centre(self) -> float:
+        """The number that the files give the centre of the first pixel; inside it is 0."""
+        return self.toml.pixel.first_pixel_centre
+
+    @cached_property
+    def images(self) -> Table:
+        """images.csv, every name once."""
+        return _images_table(self.sheet(IMAGES, "every flight"))
+
+    def sheet(self, file: str, needed_by: str) -> Sheet:
+        """A table as text, opened once."""
+        if file not in self.sheets:
+            self.sheets[file] = open_sheet(self.folder, file, needed_by)
+        return self.sheets[file]
+
+    def leave_out(self, table: Table, why: str) -> None:
+        """Note columns that nothing uses."""
+        note = f"{table.file}: {', '.join(table.left_out)} left out: {why}."
+        if table.left_out and note not in self.left_out:
+            self.left_out.append(note)
+
+
+def _images_table(sheet: Sheet) -> Table:
+    table = sheet.parse(_IMAGE_COLUMNS)
+    if not len(table):
+        raise FlightError(f"{IMAGES} has no images: add a line for each")
+    seen: dict[str, int] = {}
+    for row, name in enumerate(table["image"]):
+        if name in seen:
+            table.fail(row, "image", f"image {name!r} is there twice; the first is line {table.lines[seen[name]]}")
+        seen[name] = row
+    for name in ("rows", "columns"):
+        for row in np.flatnonzero(table[name] % 1 > 0) if name in table else ():
+            table.fail(int(row), name, f"{table[name][row]:g} is not a whole number")
+    return table

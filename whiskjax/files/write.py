@@ -1,0 +1,152 @@
+"""Write a flight folder: whole, or not at all."""
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..flights.flight import Flight
+from ..rules import FlightError, require_x64
+from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s
+from .flight_toml import NAME
+from .images import LINES
+from .measured import OBSERVATIONS, POINTS, SIGMAS
+from .names import listed
+from .navigation import position_texts
+from .source import IMAGES
+from .tables import exact, table_text, texts
+from .toml_text import toml_text
+from .units import floats
+from .unknowns import unknown_to_toml
+
+_SUFFIXES = (".csv", ".sbet", ".out")
+
+
+def write_flight(flight: Flight, folder: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a flight folder that `read_flight` reads back.
+
+    **Arguments:**
+
+    - `flight`: what to write.
+    - `folder`: is created, with its parents; an empty one is filled.
+    - `overwrite`: replace a folder that is a flight folder and nothing else.
+
+    **Returns:** the folder. Everything is written beside it first and then renamed, so that no half of a flight is ever left.
+    In ECEF worlds positions are written as latitude, longitude, height and attitudes as roll, pitch, heading, good to the
+    rounding of float64 (some 1e-9 m); in local ones as x, y, z and quaternions, exactly.
+
+    **Raises:** `FlightError` where the folder is in the way, or where a link or camera has no form on disk.
+    """
+    require_x64("write_flight")
+    folder = Path(os.path.abspath(folder))
+    _refuse_to_destroy(folder, overwrite)
+    files = flight_files(flight)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    new = folder.with_name(f".{folder.name}.writing-{os.getpid()}")
+    old = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")
+    new.mkdir()
+    try:
+        for name, text in files.items():
+            (new / name).write_text(text, encoding="utf-8", newline="")
+        if folder.exists():
+            folder.rename(old)
+        try:
+            new.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def _refuse_to_destroy(folder: Path, overwrite: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise FlightError(f"{folder} is a file; give the name of a folder")
+    there = sorted(folder.iterdir())
+    if not there:
+        return
+    if not (folder / NAME).is_file():
+        raise FlightError(f"{folder} is not empty and not a flight folder; give another name")
+    if not overwrite:
+        raise FlightError(f"{folder} holds a flight already; give another name, or pass overwrite=True")
+    others = [p.name for p in there if p.is_dir() or (p.name != NAME and p.suffix not in _SUFFIXES)]
+    if others:
+        raise FlightError(f"{folder} holds more than a flight ({listed(others)}), which replacing it would delete; move it away")
+
+
+def flight_files(flight: Flight) -> dict[str, str]:
+    """Every file of the folder as text, by name."""
+    tables = Tables()
+    chain = chain_to_toml(flight, tables)
+    camera = camera_to_toml(flight.sensor.camera, tables)
+    tables.texts |= {
+        IMAGES: _images(flight),
+        POINTS: _points(flight),
+        OBSERVATIONS: _observations(flight),
+    }
+    if flight.is_line:
+        tables.texts[LINES] = _lines(flight)
+    world: dict[str, Any] = {"kind": flight.world.kind, "height_datum": flight.world.height_datum}
+    if flight.world.origin is not None:
+        world["origin"] = floats(flight.world.origin)
+    pos: dict[str, Any] = {"angles": "quaternion" if flight.world.kind == "local" else "roll_pitch_heading"}
+    if flight.reference_point:
+        pos["reference_point"] = flight.reference_point
+    if (gap := max_gap_s(flight.sensor)) is not None:
+        pos["max_gap_s"] = gap
+    toml: dict[str, Any] = {"format": 1, "name": flight.name, "epoch": flight.epoch, "notes": flight.notes}
+    toml = {key: value for key, value in toml.items() if value != ""} | {"world": world, "pixel": {"first_pixel_centre": 0.0}}
+    toml |= {"pos": pos, "chain": chain, "camera": camera, "unknown": [unknown_to_toml(u) for u in flight.unknowns]}
+    if not flight.unknowns:
+        del toml["unknown"]
+    return {NAME: toml_text(toml)} | tables.finished()
+
+
+def _images(flight: Flight) -> str:
+    images = flight.images
+    columns = {"image": [image.name for image in images]}
+    optional = {key: texts(getattr(image, key) for image in images) for key in ("view", "swing", "strip")}
+    optional["time_s"] = exact([np.nan if image.time_s is None else image.time_s for image in images])
+    optional["focal_px"] = focal_per_image(flight)
+    optional |= {key: texts(getattr(image, key) for image in images) for key in ("rows", "columns")}
+    return table_text(columns | {name: column for name, column in optional.items() if any(column)})
+
+
+def _lines(flight: Flight) -> str:
+    columns: dict[str, list[str]] = {"image": [], "line": [], "time_s": []}
+    for image in flight.images:
+        if image.lines is None:
+            raise FlightError(f"image {image.name} has no line times, but the camera is a line camera")
+        columns["image"] += [image.name] * image.lines.line.shape[0]
+        columns["line"] += exact(image.lines.line)
+        columns["time_s"] += exact(image.lines.time_s)
+    return table_text(columns)
+
+
+def _points(flight: Flight) -> str:
+    points = flight.points
+    sigma = dict(zip(SIGMAS, (exact(c) for c in np.asarray(points.sigma_enu_m).T), strict=True))
+    position = position_texts(np.asarray(points.position_m), flight.world.kind)
+    return table_text({"point": list(points.names)} | position | sigma | {"role": list(points.roles)})
+
+
+def _observations(flight: Flight) -> str:
+    m = flight.measurements
+    return table_text(
+        {
+            "image": texts(flight.images[i].name for i in m.image),
+            "point": texts(flight.points.names[i] for i in m.point),
+            "line": exact(m.line_px),
+            "sample": exact(m.sample_px),
+            "sigma_line_px": exact(m.sigma_line_px),
+            "sigma_sample_px": exact(m.sigma_sample_px),
+        }
+    )
