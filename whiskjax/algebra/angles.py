@@ -35,8 +35,8 @@ def _horner(z: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
     return value
 
 
-@jax.custom_jvp
-def _sincos(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+@jax.jit  # traced once for each shape: a chain asks for dozens of angles
+def _polynomials(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     k = jnp.round(x * (2 / jnp.pi))
     r = (x - k * _PIO2_HI) - k * _PIO2_LO
     z = r * r
@@ -49,6 +49,11 @@ def _sincos(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "
         jnp.where(quadrant >= 2.0, -sine, sine),
         jnp.where((quadrant == 1.0) | (quadrant == 2.0), -cosine, cosine),
     )
+
+
+@jax.custom_jvp
+def _sincos(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    return _polynomials(x)
 
 
 @_sincos.defjvp

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
-from ..chain.shot import Shot
 from ..chain.sweep import sweep
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
 from ..rules.results import codes_of, is_successful, message_of
@@ -20,7 +20,7 @@ from .least_squares import jacobian, levenberg_marquardt
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
-from .problem import Problem, pose_problem, stack_rows
+from .problem import Group, Problem, by_observation, pose_problem, weigh
 from .unknown import Unknown
 
 
@@ -90,19 +90,20 @@ def calibrate(
     be imaged, or the unknowns that nothing determines.
     """
     require_x64("calibrate")
-    if not observations.is_control.any():
-        raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")
-    refuse_unseen(sensor, observations)
-    weight = _weights(sensor, observations)
     used = observations.is_control
-    problem, start, indices = pose_problem(sensor, observations, unknowns, np.where(used[:, None], weight, 0.0), loss)
-
-    solved = levenberg_marquardt(problem, jnp.asarray(start), max_steps)
-    u = np.asarray(solved.u)
-    state = _evaluate(problem, jnp.asarray(start), solved.u)
+    if not used.any():
+        raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")
     n = len(observations)
-    before, after, rows, robust = (stack_rows(list(part), indices, n) for part in zip(*state, strict=True))
-    robust = robust[:, 0]
+    problem, start, indices = pose_problem(sensor, observations, unknowns, loss)
+    prepared, *first = _prepare(problem, jnp.asarray(start))
+    before, follows, unseen = (by_observation(part, indices, n) for part in first)
+    refuse(unseen, observations)
+    weight = _weights(observations, follows)
+    prepared = weigh(prepared, np.where(used[:, None], weight, 0.0), indices)
+
+    solved = levenberg_marquardt(prepared, jnp.asarray(start), max_steps)
+    u = np.asarray(solved.u)
+    after, rows, robust, unseen = (by_observation(part, indices, n) for part in _evaluate(prepared, solved.u))
 
     names = [x.name for x in unknowns]
     has_prior = np.array([x.sigma is not None for x in unknowns])
@@ -134,7 +135,7 @@ def calibrate(
     )
     if throw:
         _raise(answer)
-    refuse_unseen(answer.sensor, observations)
+        refuse(unseen, observations)
     return answer
 
 
@@ -149,50 +150,66 @@ def _raise(answer: Calibration) -> None:
     raise SensorError(f"calibrate: {message_of(code)}{named}")
 
 
+def _pixels(problem: Problem, group: Group, u: Array) -> tuple[Array, Array]:
+    """Residuals of a group in pixels (2, n), and the codes of observations that cannot have been made (n,)."""
+    sensor = problem.put(u)
+    camera, q = sensor.camera_at(group.shot), into_camera(sensor, group.shot, group.point)
+    x, y = camera.pixel(q)
+    result = first_failure(sensor.check(group.shot), camera.check_direction(q))
+    code = jax.tree.leaves(result)[0] + jnp.zeros(x.shape, dtype=jnp.int32)
+    return jnp.stack([group.pixel[0] - x, group.pixel[1] - y]), code
+
+
 @eqx.filter_jit
-def _evaluate(problem: Problem, start, u):
-    """For each group: residuals in pixels before and after, whitened derivatives, and robust weights (padded)."""
-    problem = problem.baked()
-    out = []
-    for group, (value, derivative) in zip(problem.groups, jacobian(problem, u), strict=True):
-        pixels = []
-        for at in (start, u):
-            x, y = problem.put(at).camera_at(group.shot).pixel(into_camera(problem.put(at), group.shot, group.point))
-            pixels.append(jnp.stack([group.pixel[0] - x, group.pixel[1] - y]))
+def _prepare(problem: Problem, start: Array):
+    """The baked problem; for each group the residuals in pixels, the 2x3 derivatives by the ground point, and failure codes.
+
+    The links are checked before they are baked, because a baked pose does not know its time any more.
+    """
+    baked = problem.baked()
+    before, follows, unseen = [], [], []
+    for raw, group in zip(problem.groups, baked.groups, strict=True):
+        residual, code = _pixels(baked, group, start)
+        linked = jax.tree.leaves(problem.put(start).check(raw.shot))[0] + jnp.zeros_like(code)
+        derivative = sweep(baked.put(start), group.shot, group.point).derivatives["earth"]
+        before.append(residual)
+        follows.append(jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in derivative]))
+        unseen.append(jnp.where(linked != 0, linked, code))
+    return baked, before, follows, unseen
+
+
+@eqx.filter_jit
+def _evaluate(problem: Problem, u: Array):
+    """For each group at the solution: residuals in pixels, whitened derivatives, robust weights, failure codes."""
+    after, rows, robust, unseen = [], [], [], []
+    for group in problem.groups:
+        residual, code = _pixels(problem, group, u)
+        value, derivative = jacobian(problem, group, u)
         z = value[0] ** 2 + value[1] ** 2
-        robust = jnp.ones_like(z) if problem.loss is None else problem.loss.weight(z)
-        out.append((*pixels, derivative, jnp.stack([robust, robust])))
-    return out
+        after.append(residual)
+        rows.append(derivative)
+        robust.append(jnp.ones_like(z) if problem.loss is None else problem.loss.weight(z))
+        unseen.append(code)
+    return after, rows, robust, unseen
 
 
-@eqx.filter_jit
-def _unseen(sensor: Sensor, shot: Shot, point) -> RESULTS:
-    return first_failure(sensor.check(shot), sensor.camera_at(shot).check_direction(into_camera(sensor, shot, point)))
-
-
-def refuse_unseen(sensor: Sensor, observations: Observations) -> None:
+def refuse(codes: np.ndarray, observations: Observations) -> None:
     """**Raises:** `SensorError` naming the first observation that the sensor cannot have made, and how many there are."""
-    result = _unseen(sensor, observations.shot, tuple(np.ascontiguousarray(c) for c in observations.point_m.T))
-    codes = np.broadcast_to(codes_of(result), (len(observations),))
     if codes.any():
         i = int(np.argmax(codes != 0))
         more = f" ({int((codes != 0).sum())} of {len(codes)} observations fail)" if (codes != 0).sum() > 1 else ""
         raise SensorError(f"{observations.label(i)}: {message_of(int(codes[i]))}{more}")
 
 
-@eqx.filter_jit
-def _ground_derivative(sensor: Sensor, shot: Shot, point) -> tuple:
-    return sweep(sensor, shot, point).derivatives["earth"]
+def _weights(observations: Observations, follows: Float[np.ndarray, "n 2 3"]) -> Float[np.ndarray, "n 3"]:
+    """Lower triangle (w00, w10, w11) of the inverse Cholesky factor of each observation's covariance.
 
-
-def _weights(sensor: Sensor, observations: Observations) -> Float[np.ndarray, "n 3"]:
-    """Lower triangle (w00, w10, w11) of the inverse Cholesky factor of each observation's covariance, point errors included."""
+    **Arguments:** `follows`: derivative of the pixel by the ground point, which carries the point's covariance into the image.
+    """
     c00, c11 = observations.sigma_px.T**2
     c01 = np.zeros_like(c00)
-    if observations.point_covariance_m2 is not None and observations.point_covariance_m2.any():
-        h = _ground_derivative(sensor, observations.shot, tuple(np.ascontiguousarray(c) for c in observations.point_m.T))
-        rows = np.stack([np.stack([np.broadcast_to(np.asarray(e), c00.shape) for e in row], -1) for row in h], -2)
-        extra = rows @ observations.point_covariance_m2 @ np.swapaxes(rows, -1, -2)
+    if observations.point_covariance_m2 is not None:
+        extra = follows @ observations.point_covariance_m2 @ np.swapaxes(follows, -1, -2)
         c00, c01, c11 = c00 + extra[:, 0, 0], extra[:, 0, 1], c11 + extra[:, 1, 1]
     l00 = np.sqrt(c00)
     l10 = c01 / l00

@@ -33,11 +33,11 @@ def levenberg_marquardt(problem: Problem, start: Float[Array, " unknowns"], max_
 
     **Arguments:**
 
-    - `problem`: not baked.
+    - `problem`: baked.
     - `start`: whitened, (unknowns,).
     """
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
-    solution = optx.least_squares(residuals, solver, start, args=problem.baked(), max_steps=max_steps, throw=False)
+    solution = optx.least_squares(residuals, solver, start, args=problem, max_steps=max_steps, throw=False)
     finite = jnp.isfinite(solution.value).all()
     stopped = solution.result != optx.RESULTS.successful
     result = first_failure(failure_if(~finite, RESULTS.nonfinite), failure_if(stopped, RESULTS.not_converged))
@@ -55,15 +55,12 @@ def _rows(problem: Problem, group: Group, acting: Int[Array, " acting"], u: Floa
     return value, columns
 
 
-def jacobian(problem: Problem, u: Float[Array, " unknowns"]) -> list[tuple[Float[Array, "2 n"], Float[Array, "2 n unknowns"]]]:
-    """For each group the whitened residuals, without robust loss, and their derivatives by all whitened unknowns."""
-    out = []
-    for group in problem.groups:
-        acting = jnp.asarray(problem.acting(group), dtype=jnp.int32)
-        value, columns = _rows(problem, group, acting, u)
-        full = [jnp.zeros((c.shape[1], u.shape[0])).at[:, acting].set(c.T) for c in columns]
-        out.append((jnp.stack(value), jnp.stack(full)))
-    return out
+def jacobian(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> tuple[Array, Array]:
+    """Whitened residuals (2, n) of a group, without robust loss, and their derivatives (2, unknowns, n)."""
+    acting = jnp.asarray(problem.acting(group), dtype=jnp.int32)
+    value, columns = _rows(problem, group, acting, u)
+    full = [jnp.zeros((u.shape[0], c.shape[1])).at[acting].set(c) for c in columns]
+    return jnp.stack(value), jnp.stack(full)
 
 
 def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Array, "unknowns+1 unknowns+1"]:

@@ -91,6 +91,7 @@ def residual(group: Group, sensor: Sensor) -> Vec2:
     return w00 * rx, w10 * rx + w11 * ry
 
 
+@eqx.filter_jit  # a solver asks for it in several places: trace it once
 def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2], Float[Array, " unknowns"]]:
     """All whitened residuals of a baked problem: observations, under the robust loss, and priors."""
     sensor = problem.put(u)
@@ -107,12 +108,9 @@ def _padded(n: int) -> int:
     return int(-(-n // step) * step)
 
 
-def _groups(
-    sensor: Sensor, observations: Observations, weight: Float[np.ndarray, "n 3"]
-) -> tuple[tuple[Group, ...], list[np.ndarray]]:
-    n = len(observations)
+def _groups(sensor: Sensor, observations: Observations) -> tuple[tuple[Group, ...], list[np.ndarray]]:
     choosing = [key for key in KEYS if key in sensor.key_names()]
-    codes = np.zeros((n, max(1, len(choosing))), dtype=int)
+    codes = np.zeros((len(observations), len(choosing)), dtype=int)
     for j, key in enumerate(choosing):
         value = observations.key(key)
         if value is None:
@@ -122,22 +120,12 @@ def _groups(
     for code in np.unique(codes, axis=0):
         index = np.flatnonzero((codes == code).all(axis=1))
         padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
-        w = weight[padded].copy()
-        w[len(index) :] = 0.0
-        keys: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=False)}
-        for key in KEYS:
-            if key not in keys and (value := observations.key(key)) is not None:
-                keys[key] = value[padded]
-        time = observations.key("time_s")
-        shot = Shot(time_s=None if time is None else time[padded], **keys)
-        groups.append(
-            Group(
-                shot,
-                _columns(observations.point_m[padded]),
-                _columns(observations.pixel_px[padded]),
-                _columns(w),
-            )
-        )
+        keys: dict[str, Any] = {key: observations.key(key) for key in ("time_s", *KEYS) if key not in choosing}
+        keys = {key: None if value is None else value[padded] for key, value in keys.items()}
+        shot = Shot(**keys, **{key: int(c) for key, c in zip(choosing, code, strict=True)})
+        zero = np.zeros((len(padded), 3))
+        columns = (_columns(a) for a in (observations.point_m[padded], observations.pixel_px[padded], zero))
+        groups.append(Group(shot, *columns))
         indices.append(index)
     return tuple(groups), indices
 
@@ -150,17 +138,14 @@ def pose_problem(
     sensor: Sensor,
     observations: Observations,
     unknowns: Sequence[Unknown],
-    weight: Float[np.ndarray, "n 3"],
     loss: AbstractLoss | None = None,
 ) -> tuple[Problem, Float[np.ndarray, " unknowns"], list[np.ndarray]]:
-    """A calibration as a `Problem`.
-
-    **Arguments:** `weight`: lower triangle (w00, w10, w11) for each observation, zero to leave it out.
+    """A calibration as a `Problem`, all weights still zero.
 
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
     sensor = admit(sensor, unknowns)
-    groups, indices = _groups(sensor, observations, weight)
+    groups, indices = _groups(sensor, observations)
     start = np.array([start_of(sensor, x) for x in unknowns])
     mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
     scale = np.array([x.size for x in unknowns])
@@ -177,14 +162,20 @@ def pose_problem(
     return problem, (start - mean) / scale, indices
 
 
-def flat(pairs: list[Vec2]) -> Float[Array, " rows"]:
-    """All residuals of all groups in one column: first coordinates of a group, then its second ones."""
-    return jnp.concatenate([jnp.ravel(c) for pair in pairs for c in pair])
+def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.ndarray]) -> Problem:
+    """The problem with the lower triangle (w00, w10, w11) of each observation put in, zero to leave it out."""
+    groups = []
+    for group, index in zip(problem.groups, indices, strict=True):
+        padded = np.zeros((group.point[0].shape[0], 3))
+        padded[: len(index)] = weight[index]
+        groups.append(eqx.tree_at(lambda g: g.weight, group, _columns(padded)))
+    return eqx.tree_at(lambda p: p.groups, problem, tuple(groups))
 
 
-def stack_rows(pairs: list[np.ndarray], indices: list[np.ndarray], n: int) -> np.ndarray:
-    """Back from groups, each (2, padded, ...), to one row an observation: (n, 2, ...)."""
-    out = np.zeros((n, 2, *np.asarray(pairs[0]).shape[2:]))
-    for pair, index in zip(pairs, indices, strict=True):
-        out[index] = np.moveaxis(np.asarray(pair)[:, : len(index)], 0, 1)
+def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> np.ndarray:
+    """Back from arrays (..., padded) of each group to one array (n, ...), a row an observation."""
+    first = np.asarray(groups[0])
+    out = np.zeros((n, *first.shape[:-1]), dtype=first.dtype)
+    for group, index in zip(groups, indices, strict=True):
+        out[index] = np.moveaxis(np.asarray(group)[..., : len(index)], -1, 0)
     return out

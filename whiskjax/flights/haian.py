@@ -5,6 +5,7 @@ effects of left and right pendulum directions, National Remote Sensing Bulletin 
 length, geometry, noise) is chosen so that what it does print is reproduced.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -231,28 +232,23 @@ def simulate(seed: int, *, noise: bool = True, drift: bool = True, truth: Truth 
 
     start = np.array([scene[0] for scene in SCENES.values()])[image]
     swing = np.array([int(name[0] == "R") for name in SCENES])[image]
-    platforms = [
-        Mount(angles_rad=(truth.left_rad if name[0] == "L" else truth.right_rad) + (DRIFT_RAD.get(name, 0.0) if drift else 0.0))
-        for name in SCENES
-    ]
-    pixel = np.stack([sample, np.zeros(len(time))], -1)
-    points = np.empty((len(time), 3))
+    by_swing = np.where(swing[:, None] == 0, truth.left_rad, truth.right_rad)
+    drifted = np.array([DRIFT_RAD.get(name, np.zeros(3)) for name in SCENES])[image] * drift
     if noise:
         # The smooth path itself, one pose for each exposure, and encoders ten times as dense.
         position, quaternion, _ = ecef_samples(*path.navigation(time, start + SWING_S / 2))
         true_body, true_encoders = PosePerImage(position, quaternion), _encoders(10 * POS_HZ)
     else:
         true_body, true_encoders = body, (scan, pitch)
-    for i, platform in enumerate(platforms):
-        here = np.flatnonzero(image == i)
-        shot = Shot(time_s=time[here], image=here, swing=int(swing[here[0]]))
-        exact = sensor(true_body, *true_encoders, truth, platform, scan_first)
-        points[here] = image_to_ground(exact, shot, pixel[here], HeightSurface(jnp.asarray(height[here]))).point_m
-        if not noise:
-            # Image the points as they are stored: rounding of ECEF coordinates (1e-9 m) then is no measurement error.
-            window = start[here[0]], start[here[0]] + SWING_S
-            seen = ground_to_image(exact, Shot(image=here, swing=int(swing[here[0]])), points[here], window)
-            time[here], sample[here] = seen.time_s, seen.pixel_px[:, 0]
+    exact = sensor(true_body, *true_encoders, truth, Mount(angles_rad=by_swing + drifted), scan_first)
+    keys = Shot(image=np.arange(len(time)), swing=swing)
+    pixel = np.stack([sample, np.zeros(len(time))], -1)
+    shot = dataclasses.replace(keys, time_s=time)
+    points = np.asarray(image_to_ground(exact, shot, pixel, HeightSurface(jnp.asarray(height))).point_m)
+    if not noise:
+        # Image the points as they are stored: rounding of ECEF coordinates (1e-9 m) then is no measurement error.
+        seen = ground_to_image(exact, keys, points, (start, start + SWING_S))
+        time, sample = np.asarray(seen.time_s), np.asarray(seen.pixel_px[:, 0])
 
     sigma = np.array([scene[3:] for scene in SCENES.values()])[image]
     error = rng.normal(0, 1, (len(time), 2)) * sigma * noise
