@@ -8,21 +8,17 @@ import pytest
 
 import whiskjax as wj
 from tests.files import made_up
-from whiskjax.files.read import read_flight
-from whiskjax.files.write import write_flight
 
-FLIGHTS = {"haian": lambda: wj.flights.haian.simulate(3), "scanner": made_up.scanner, "frames": made_up.frames}
 # ECEF coordinates and degrees both round to 1e-9 m: a few of those, seen from 3000 m with 10,000 px focal length, are 2e-8 px.
 # What is local is written exactly, but for angles in flight.toml, one rounding of float64.
 TOLERANCE_PX = {"haian": 3e-8, "scanner": 3e-8, "frames": 1e-9}
 
 
-@pytest.fixture(scope="module", params=list(FLIGHTS))
-def pair(request, tmp_path_factory):
+@pytest.fixture(scope="module", params=list(TOLERANCE_PX))
+def pair(request, haian, written):
     """A flight, what was read back, and its name."""
-    flight = FLIGHTS[request.param]()
-    folder = write_flight(flight, tmp_path_factory.mktemp("flights") / request.param)
-    return flight, read_flight(folder), request.param
+    flight = {"haian": lambda: haian, "scanner": made_up.scanner, "frames": made_up.frames}[request.param]()
+    return flight, wj.read_flight(written[request.param]), request.param
 
 
 def images_of(flight):

@@ -14,6 +14,7 @@ from ..chain.by import By
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
+from ..chain.turn import Turn
 from ..earth.ellipsoid import height_and_up
 from ..flights.flight import Flight
 from ..rules import RESULTS, FlightError
@@ -129,10 +130,24 @@ def _at(shot: Shot, i: int) -> Shot:
 
 
 def _why_not(sensor: Sensor, shot: Shot, code: Any) -> str:
-    """The message of a shot that fails, with the link that fails and the time."""
+    """The message of a shot that fails: its time, the link that fails, and what that link recorded."""
     frame = next((name for name in sensor.names if codes_of(sensor[name].check(shot)).any()), "camera")
     time = "" if shot.time_s is None else f"at {float(shot.time_s):.6f} s "
-    return (
-        f"{time}{message_of(int(code))} (link {frame!r} in {type(sensor[frame]).__name__}); add samples around this time, "
-        "raise max_gap_s where the gap is known to be harmless, or take the observation out"
-    )
+    recorded = _recorded(sensor[frame], shot)
+    return f"{time}{message_of(int(code))}; link {frame!r}{recorded}. Take the observation out, or add what the link lacks"
+
+
+def _recorded(link: Any, shot: Shot) -> str:
+    """The samples on both sides of the shot, or the first and the last one."""
+    if isinstance(link, By):
+        key = int(getattr(shot, link.key))
+        return f".{link.names[key]}{_recorded(link.options[key], shot)}" if 0 <= key < len(link.names) else ""
+    knots = link.encoder.knots if isinstance(link, Turn) else getattr(link, "knots", None)
+    if knots is None:
+        return ""
+    time = np.asarray(knots.time_s)
+    i = int(np.searchsorted(time, float(shot.time_s) + float(link.delay_s)))  # pyright: ignore[reportArgumentType]
+    if not 0 < i < len(time):
+        return f" was recorded from {time[0]:.6f} to {time[-1]:.6f} s"
+    gap = link.encoder.max_gap_s if isinstance(link, Turn) else link.max_gap_s
+    return f" has samples at {time[i - 1]:.6f} and {time[i]:.6f} s and none between; max_gap_s is {gap:g}"

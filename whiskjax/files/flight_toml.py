@@ -98,5 +98,8 @@ def _sentence(error: dict[str, Any], model: Any) -> str:
         return f"{tag} = {context['tag']!r} is unknown; expected {context['expected_tags']}"
     if kind == "value_error":
         return str(context["error"])
+    if kind in ("too_short", "too_long") and context["field_type"] == "List":
+        size = context.get("min_length", context.get("max_length"))
+        return f"a list of {size} is expected, not {error['input']!r}"
     message = error["msg"].replace("Input should", "it should")
     return f"{message}, not {error['input']!r}"

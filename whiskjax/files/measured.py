@@ -25,7 +25,10 @@ def points_of(source: Source) -> tuple[Points, Table]:
     columns = [
         Column("point", text=True),
         *position_columns(sheet, source.toml.world.kind, blank=True),
-        *(Column(name, required=False, low=0.0, hint="a sigma is not negative; 0 means exact") for name in SIGMAS),
+        *(
+            Column(name, required=False, low=0.0, hint="a sigma is not negative; 0 means that the point is exact")
+            for name in SIGMAS
+        ),
         Column("role", choices=ROLES),
     ]
     table = sheet.parse(columns)
@@ -57,11 +60,13 @@ def measurements_of(source: Source, images: list[Image], points: Table) -> tuple
     **Raises:** `FlightError` for an image or point that does not exist, a measurement that is there twice, and a line outside the
     lines of its image.
     """
-    sigma = {"low": 1e-9, "hint": "a sigma is a positive number of pixels"}
     columns = [
         *(Column(name, text=True) for name in ("image", "point")),
         *(Column(name) for name in ("line", "sample")),
-        *(Column(name, **sigma) for name in ("sigma_line_px", "sigma_sample_px")),
+        *(
+            Column(name, positive=True, hint="every measurement has a 1-sigma in pixels")
+            for name in ("sigma_line_px", "sigma_sample_px")
+        ),
     ]
     table = source.sheet(OBSERVATIONS, "every flight").parse(columns)
     if not len(table):

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from ..flights.flight import Flight, World
-from ..rules import require_x64
+from ..rules import FlightError, require_x64
 from .chain_from_toml import Source, sensor_from_toml
 from .check import check_flight
-from .flight_toml import load_flight_toml
+from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
 from .unknowns import unknowns_from_toml
@@ -30,7 +30,10 @@ def read_flight(folder: str | Path) -> Flight:
     toml = load_flight_toml(folder)
     lat_lon_height = toml.world.origin
     origin = None if lat_lon_height is None else (lat_lon_height[0], lat_lon_height[1], lat_lon_height[2])
-    world = World(toml.world.kind, origin, toml.world.height_datum)
+    try:
+        world = World(toml.world.kind, origin, toml.world.height_datum)
+    except FlightError as error:
+        raise FlightError(f"{NAME}: world: {error}") from error
     source = Source(folder, toml)
     sensor = sensor_from_toml(source)
     images = images_of(source, sensor)

@@ -53,15 +53,15 @@ def read_sbet(path: Path) -> SbetSamples:
     if size == 0 or size % RECORD.itemsize:
         raise FlightError(f"{path.name}: {size} bytes are not whole SBET records of {RECORD.itemsize} bytes; is it a text file?")
     records = np.fromfile(path, dtype=RECORD)
-    for name in _USED:
-        value = records[name]
-        wrong = ~(np.abs(value) <= _LIMITS.get(name, np.inf)) | ~np.isfinite(value)
-        if wrong.any():
-            i = int(np.argmax(wrong))
-            raise FlightError(
-                f"{path.name}, record {i + 1}, {name}: {value[i]:.6g} is not possible; an SBET file holds radians in "
-                "little-endian float64"
-            )
+    # A comparison with NaN is false.
+    wrong = np.stack([~(np.abs(records[name]) <= _LIMITS.get(name, np.finfo(float).max)) for name in _USED], axis=-1)
+    if wrong.any():
+        i, k = (int(n) for n in np.argwhere(wrong)[0])
+        value = records[_USED[k]][i]
+        raise FlightError(
+            f"{path.name}, record {i + 1}, {_USED[k]}: {value:.6g} is not possible; an SBET file holds radians in "
+            "little-endian float64"
+        )
     steps = np.diff(records["time_s"])
     if (steps <= 0).any():
         i = int(np.argmax(steps <= 0)) + 1

@@ -18,7 +18,7 @@ _IMAGE_COLUMNS = (
     Column("image", text=True),
     *(Column(key, required=False, blank=True, text=True) for key in ("view", "swing", "strip")),
     Column("time_s", required=False, blank=True),
-    *(Column(name, required=False, blank=True, low=1e-9) for name in ("focal_px", "rows", "columns")),
+    *(Column(name, required=False, blank=True, positive=True) for name in ("focal_px", "rows", "columns")),
 )
 
 

@@ -24,6 +24,7 @@ class Column:
     - `required`: whether the header must have it.
     - `blank`: whether a cell may be left empty; a number is NaN there, a text None.
     - `low`, `high`: the numbers allowed, both included.
+    - `positive`: only numbers above zero.
     - `choices`: the texts allowed; makes it a column of texts.
     - `text`: a column of texts.
     - `hint`: the remedy named where a number lies outside.
@@ -34,6 +35,7 @@ class Column:
     blank: bool = False
     low: float = -np.inf
     high: float = np.inf
+    positive: bool = False
     choices: tuple[str, ...] = ()
     text: bool = False
     hint: str = ""
@@ -102,7 +104,7 @@ class Sheet:
         for name, column in expected.items():
             if column.required and name not in self.header:
                 raise FlightError(
-                    f"{self.file}, line 1: the column {name} is missing{meant(name, self.header)}; "
+                    f"{self.file}, line 1: the column {name} is missing{meant(name, set(self.header) - set(expected))}; "
                     f"the header has {listed(self.header)}"
                 )
         found: dict[str, Any] = {}
@@ -140,9 +142,11 @@ class Sheet:
         if wrong.any():
             self._fail(int(np.argmax(wrong)), column, "is not a finite number", cells)
         wrong = ~((values >= column.low) & (values <= column.high)) & ~empty
+        what = f"lies outside {column.low:g} to {column.high:g}" if np.isfinite(column.high) else f"is less than {column.low:g}"
+        if column.positive:
+            wrong, what = ~(values > 0) & ~empty, "is not positive"
         if wrong.any():
-            hint = f"; {column.hint}" if column.hint else ""
-            self._fail(int(np.argmax(wrong)), column, f"lies outside {column.low:g} to {column.high:g}{hint}", cells)
+            self._fail(int(np.argmax(wrong)), column, f"{what}; {column.hint}" if column.hint else what, cells)
         return values
 
     def _fail(self, row: int, column: Column, what: str, cells: list[str] | None = None) -> NoReturn:

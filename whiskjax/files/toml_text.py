@@ -1,12 +1,10 @@
 """A dict as TOML that people like to read: short lists on one line, every table with its own header."""
 
-import json
 import re
 from typing import Any
 
 from ..rules import import_extra
 
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
 # tomli_w puts each item on its own line; lists of numbers and of words read better on one.
 _FLAT_LIST = re.compile(r"\[\n((?: +[^\[\]\n]+,\n)+) *\]")
 _NESTED_LIST = re.compile(r"\[\n((?: +\[[^\[\]\n]*\],\n)+) *\]")
@@ -24,7 +22,7 @@ def _table(path: str, table: dict[str, Any]) -> str:
     for pattern in (_FLAT_LIST, _NESTED_LIST):
         text = pattern.sub(lambda match: "[" + ", ".join(line.strip(" ,") for line in match[1].splitlines()) + "]", text)
     for key, value in table.items():
-        name = path + ("." if path else "") + (key if _BARE.fullmatch(key) else json.dumps(key))
+        name = path + ("." if path else "") + tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
         if _is_table(value):
             # A table of tables needs no header of its own.
             header = "" if value and all(_is_table(v) for v in value.values()) else f"\n[{name}]\n"

@@ -21,13 +21,18 @@ def inner_place(where: str) -> str:
     **Raises:** `FlightError` where the file names radians.
     """
     if _INNER_FIELD.search(where):
-        raise FlightError(f"{where}: angles are in degrees in files; write {file_place(where)}")
+        raise FlightError(f"angles are in degrees in files; write {file_place(where)}")
     return _FILE_FIELD.sub("_rad", where.strip())
 
 
 def file_place(where: str) -> str:
     """`platform.left.angles_rad[0]` as files know it: `platform.left.angles_deg[0]`."""
     return _INNER_FIELD.sub("_deg", where)
+
+
+def file_words(message: str) -> str:
+    """A message about fields of the sensor, in the words of files."""
+    return re.sub(r"_rad\b", "_deg", message)
 
 
 def is_angle(where: str) -> bool:

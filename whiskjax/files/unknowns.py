@@ -9,7 +9,7 @@ from ..chain.sensor import Sensor
 from ..estimate.unknown import Unknown, admit
 from ..rules import FlightError, WhiskjaxError
 from .flight_toml import NAME
-from .units import degrees, file_place, inner_place, is_angle, is_pixel_place
+from .units import degrees, file_place, file_words, inner_place, is_angle, is_pixel_place
 
 if TYPE_CHECKING:
     from .schema import UnknownTable
@@ -25,12 +25,14 @@ def unknowns_from_toml(entries: "list[UnknownTable]", sensor: Sensor, first_cent
         try:
             out.append(_unknown(entry, sensor, first_centre))
         except WhiskjaxError as error:
-            raise FlightError(f"{NAME}: unknown[{i}] ({entry.name}): where = {', '.join(entry.where)}: {error}") from error
+            where = ", ".join(entry.where)
+            reason = file_words(str(error)).removeprefix(f"{where}: ")
+            raise FlightError(f"{NAME}: unknown[{i}] ({entry.name}): where = {where}: {reason}") from error
     if out:
         try:
             admit(sensor, out)
         except WhiskjaxError as error:
-            raise FlightError(f"{NAME}: unknown: {error}") from error
+            raise FlightError(f"{NAME}: {file_words(str(error))}") from error
     return out
 
 

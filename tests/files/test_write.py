@@ -1,0 +1,134 @@
+"""Writing is all or nothing, and destroys nothing that is not a flight."""
+
+import math
+import os
+import tomllib
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import whiskjax as wj
+from tests.files import made_up
+from whiskjax.chain.link import Given
+from whiskjax.files import write
+from whiskjax.files.tables import exact, rounded
+from whiskjax.files.toml_text import toml_text
+from whiskjax.files.units import degrees
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return made_up.frames()
+
+
+def test_refuses_what_is_in_the_way(frames, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(wj.FlightError, match="is a file"):
+        wj.write_flight(frames, tmp_path / "file")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("")
+    for overwrite in (False, True):
+        with pytest.raises(wj.FlightError, match="not empty and not a flight folder"):
+            wj.write_flight(frames, tmp_path / "full", overwrite=overwrite)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "full"]
+
+
+def test_overwrites_only_a_flight(frames, tmp_path):
+    folder = wj.write_flight(frames, tmp_path / "new" / "flight")
+    with pytest.raises(wj.FlightError, match="overwrite=True"):
+        wj.write_flight(frames, folder)
+    (folder / "old.csv").write_text("")
+    wj.write_flight(frames, folder, overwrite=True)
+    assert not (folder / "old.csv").exists()
+    (folder / "thesis.tex").write_text("")
+    with pytest.raises(wj.FlightError, match=r"thesis\.tex"):
+        wj.write_flight(frames, folder, overwrite=True)
+    assert (folder / "thesis.tex").exists() and (folder / "flight.toml").exists()
+    assert os.listdir(tmp_path / "new") == ["flight"]
+
+
+def test_an_empty_folder_is_filled(frames, tmp_path):
+    (tmp_path / "empty").mkdir()
+    wj.write_flight(frames, tmp_path / "empty")
+    assert wj.read_flight(tmp_path / "empty").name == frames.name
+
+
+def test_nothing_is_left_of_a_failure(frames, tmp_path, monkeypatch):
+    """Neither half a new flight, nor a lost old one: on refusal, on a full disk, and when the last step fails."""
+    odd = wj.Flight(**{**vars(frames), "sensor": wj.Sensor({"body": Given(0)}, wj.FrameCamera(1e3, jnp.zeros(2)))})
+    with pytest.raises(wj.FlightError, match="'body' is a Given"):
+        wj.write_flight(odd, tmp_path / "flight")
+    assert os.listdir(tmp_path) == []
+    folder = wj.write_flight(frames, tmp_path / "flight")
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+
+    def no_space(*args, **kwargs):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(write.Path, "write_text", no_space)
+    with pytest.raises(OSError, match="no space"):
+        wj.write_flight(frames, folder, overwrite=True)
+    monkeypatch.undo()
+    rename = write.Path.rename
+    monkeypatch.setattr(write.Path, "rename", lambda self, to: no_space() if "writing" in self.name else rename(self, to))
+    with pytest.raises(OSError, match="no space"):
+        wj.write_flight(frames, folder, overwrite=True)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+    assert os.listdir(tmp_path) == ["flight"]
+
+
+def test_haian_is_small_and_readable(written):
+    folder = written["haian"]
+    assert sum(p.stat().st_size for p in folder.iterdir()) < 1e6
+    text = (folder / "flight.toml").read_text()
+    assert '[[chain]]\nframe = "flu"\nlink = "axes"\naxes = "x -y -z"\n' in text
+    assert "lever_arm_m = [0.0, 0.0, 0.0]\n" in text
+    assert 'where = "platform.left.angles_deg[0]"\nprior_mean = 0.0\nprior_sigma = 5.0\n' in text
+    assert (folder / "lines.csv").read_text().startswith("image,line,time_s\nL1,0,0\n")
+
+
+def test_encoders_share_a_file_where_they_share_a_clock(written):
+    names = sorted(p.name for p in written["scanner"].iterdir() if p.name.startswith("encoders"))
+    assert names == ["encoders.csv", "encoders_tilt.csv"]
+    assert (written["scanner"] / "encoders_tilt.csv").read_text().splitlines()[0] == "time_s,tilt_deg"
+
+
+@given(st.floats(-1e4, 1e4))
+def test_degrees(value):
+    assert math.radians(degrees(value)) == pytest.approx(value, rel=2.3e-16, abs=0)
+
+
+@pytest.mark.parametrize("nice", [0.03, 5.0, -0.0051, 90.3, 1e-4, 359.75])
+def test_degrees_that_people_wrote(nice):
+    assert degrees(math.radians(nice)) == nice
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1), st.sampled_from([1e-12, 1e-6, 1e-3]))
+def test_rounded(values, tolerance):
+    back = np.array([float(t) for t in rounded(values, tolerance)])
+    # Decimals end at 14, beyond the rounding of a float64 of this size.
+    assert np.all(np.abs(back - values) <= tolerance + 2e-16 * np.abs(values))
+
+
+@given(st.lists(st.floats(allow_infinity=False), min_size=1))
+def test_exact(values):
+    back = np.array([float(t or "nan") for t in exact(values)])
+    np.testing.assert_array_equal(back, np.array(values) + 0.0)
+
+
+keys = st.text(min_size=1, max_size=8)
+leaves = st.one_of(
+    st.text(max_size=30), st.integers(-(2**40), 2**40), st.floats(allow_nan=False, allow_infinity=False), st.booleans()
+)
+items = st.one_of(leaves, st.lists(leaves), st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False))))
+tables = st.recursive(
+    st.dictionaries(keys, items), lambda inner: st.dictionaries(keys, st.one_of(items, inner, st.lists(inner))), max_leaves=6
+)
+
+
+@given(tables)
+def test_toml(table):
+    assert tomllib.loads(toml_text(table)) == table
