@@ -120,12 +120,13 @@ def _groups(sensor: Sensor, observations: Observations) -> tuple[tuple[Group, ..
     for code in np.unique(codes, axis=0):
         index = np.flatnonzero((codes == code).all(axis=1))
         padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
-        keys: dict[str, Any] = {key: observations.key(key) for key in ("time_s", *KEYS) if key not in choosing}
-        keys = {key: None if value is None else value[padded] for key, value in keys.items()}
-        shot = Shot(**keys, **{key: int(c) for key, c in zip(choosing, code, strict=True)})
+        fields: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=True)}
+        for key in ("time_s", *KEYS):
+            if key not in choosing and (value := observations.key(key)) is not None:
+                fields[key] = value[padded]
         zero = np.zeros((len(padded), 3))
         columns = (_columns(a) for a in (observations.point_m[padded], observations.pixel_px[padded], zero))
-        groups.append(Group(shot, *columns))
+        groups.append(Group(Shot(**fields), *columns))
         indices.append(index)
     return tuple(groups), indices
 
