@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, WhiskjaxError, require_x64
 from ..rules.results import choose
 
 _MOST_STEPS = 8
@@ -31,8 +31,10 @@ class Knots(eqx.Module):
         - `max_gap_s`: a longer interval is a gap, and asking for a time inside it fails.
         - `what`: whose times these are, for messages.
 
-        **Raises:** `WhiskjaxError` naming the first sample that is not finite or not later than the one before it.
+        **Raises:** `WhiskjaxError` naming the first sample that is not finite or not later than the one before it;
+        `RuntimeError` where float64 is off.
         """
+        require_x64(what)  # an epoch in float32 is wrong by minutes
         t = np.asarray(time_s, dtype=np.float64)
         if t.ndim != 1 or len(t) < 2:
             raise WhiskjaxError(f"{what}: at least two sample times are needed to interpolate, got shape {t.shape}")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, require_x64
 
 
 class LineTimes(eqx.Module):
@@ -18,6 +18,7 @@ class LineTimes(eqx.Module):
 
     def __init__(self, line: Any, time_s: Any, image: str = "image"):
         """**Raises:** `WhiskjaxError` where lines or times do not increase; `image` is named in the message."""
+        require_x64("LineTimes")
         line, time = np.asarray(line, dtype=np.float64), np.asarray(time_s, dtype=np.float64)
         if line.ndim != 1 or line.shape != time.shape or len(line) < 2:
             raise WhiskjaxError(f"{image}: at least two lines with their times are needed, got {line.shape} and {time.shape}")

@@ -1,5 +1,7 @@
 """Local frames at a point of the ellipsoid: north-east-down (NED) and east-north-up (ENU)."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -23,12 +25,15 @@ def ecef_from_enu(lat_rad: Component, lon_rad: Component) -> Mat3:
 def ned_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_ned at a geodetic latitude and longitude in radians; columns north, east, down."""
     require_x64("ned_rotation")
-    lat, lon = (jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad))
-    return jnp.stack([stack(row) for row in ecef_from_ned(lat, lon)], axis=-2)
+    return _as_array(ecef_from_ned, lat_rad, lon_rad)
 
 
 def enu_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_enu at a geodetic latitude and longitude in radians; columns east, north, up."""
     require_x64("enu_rotation")
-    lat, lon = (jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad))
-    return jnp.stack([stack(row) for row in ecef_from_enu(lat, lon)], axis=-2)
+    return _as_array(ecef_from_enu, lat_rad, lon_rad)
+
+
+def _as_array(frame: Callable[[Component, Component], Mat3], lat_rad: ArrayLike, lon_rad: ArrayLike) -> Float[Array, "... 3 3"]:
+    lat, lon = jnp.broadcast_arrays(*[jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad)])
+    return jnp.stack([stack(row) for row in frame(lat, lon)], axis=-2)
