@@ -1,5 +1,7 @@
 """One thing is wrong in a flight folder: the message names the file, the line and the column, and the remedy."""
 
+import math
+
 import pytest
 
 import whiskjax as wj
@@ -202,6 +204,14 @@ SHEETS = {
 def test_one_wrong_sheet(folder: Folder, case):
     edit, parts = SHEETS[case]
     edit(folder).refused(*parts)
+
+
+def test_pos_in_radians(folder):
+    """Numbers that could be degrees, but put the platform on the other side of the Earth."""
+    rows = folder.rows("pos.csv")
+    radians = [[row[0], *(repr(math.radians(float(v))) for v in row[1:3]), row[3], *row[4:]] for row in rows[1:]]
+    folder.store("pos.csv", [rows[0], *radians])
+    folder.refused("observations.csv, line 2 (image L1, point L1-01)", "km from the platform", "another unit")
 
 
 def test_unknown_view(copy_of):

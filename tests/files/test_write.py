@@ -1,5 +1,6 @@
 """Writing is all or nothing, and destroys nothing that is not a flight."""
 
+import dataclasses
 import math
 import os
 import tomllib
@@ -94,6 +95,29 @@ def test_encoders_share_a_file_where_they_share_a_clock(written):
     names = sorted(p.name for p in written["scanner"].iterdir() if p.name.startswith("encoders"))
     assert names == ["encoders.csv", "encoders_tilt.csv"]
     assert (written["scanner"] / "encoders_tilt.csv").read_text().splitlines()[0] == "time_s,tilt_deg"
+
+
+def test_names_that_become_one(haian):
+    """Two options whose names differ only in what file names cannot hold, each with its own clock and table."""
+    encoders = [wj.Encoder(np.arange(3) + k, np.arange(3) * 0.1, 1.5) for k in (0.0, 0.1)]
+    looks = [np.array([[x, 0, -1.0], [1, 0, -1]]) for x in (-1.0, -2.0, -3.0)]
+    names = ["a b", "a-b", "a/b"]
+    links = {
+        "body": haian.sensor["body"],
+        "arm": wj.By("view", {n: wj.Turn("x", e) for n, e in zip(names, [*encoders, encoders[0]], strict=True)}),
+    }
+    cameras = wj.By("view", {n: wj.LookTable([0.0, 1.0], d) for n, d in zip(names, looks, strict=True)})
+    images = [dataclasses.replace(haian.images[0], view="a-b")]
+    m = dataclasses.replace(
+        haian.measurements, **{f.name: getattr(haian.measurements, f.name)[:1] for f in dataclasses.fields(haian.measurements)}
+    )
+    flight = dataclasses.replace(haian, sensor=wj.Sensor(links, cameras), images=images, measurements=m, unknowns=())
+    files = write.flight_files(flight)
+    assert {n for n in files if n.startswith("looks")} == {"looks.csv", "looks_a_b.csv", "looks_a_b_2.csv"}
+    assert {n for n in files if n.startswith("encoders")} == {"encoders.csv", "encoders_arm_a_b.csv"}
+    toml = tomllib.loads(files["flight.toml"])
+    assert [toml["camera"]["options"][n].get("file") for n in names] == [None, "looks_a_b.csv", "looks_a_b_2.csv"]
+    assert toml["chain"][1]["options"]["a/b"]["encoder"] == toml["chain"][1]["options"]["a b"]["encoder"] == "arm_a_b"
 
 
 @given(st.floats(-1e4, 1e4))

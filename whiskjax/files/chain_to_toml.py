@@ -1,6 +1,8 @@
 """A sensor as the [[chain]] and [camera] of flight.toml, and the tables that they name."""
 
+import itertools
 import re
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from ..flights.flight import Flight
 from ..rules import FlightError
 from .chain_from_toml import SMALL_MOTION
 from .navigation import Samples, sample_texts
-from .tables import exact, rounded, table_text, texts
+from .tables import exact, rounded, table_text
 from .units import degree_lists, degrees, floats
 
 # Encoder angles in degrees: 1e-13 deg is 2e-15 rad.
@@ -38,7 +40,7 @@ class Tables:
         for name, there in self.texts.items():
             if there == text:
                 return name
-        name = f"{stem}.csv" if f"{stem}.csv" not in self.texts else f"{stem}_{label}.csv"
+        name = _free(self.texts, f"{stem}.csv", f"{stem}_{label}.csv")
         self.texts[name] = text
         return name
 
@@ -48,14 +50,16 @@ class Tables:
         angle = rounded(np.degrees(np.asarray(encoder.angle_rad)), _ENCODER_DEG)
         same = [(file, columns) for file, clock, columns in self._clocks if np.array_equal(clock, time)]
         if not same:
-            same = [("encoders.csv" if not self._clocks else f"encoders_{label}.csv", {})]
+            taken = [file for file, _, _ in self._clocks]
+            same = [(_free(taken, "encoders.csv", f"encoders_{label}.csv"), {})]
             self._clocks.append((same[0][0], time, same[0][1]))
         file, columns = same[0]
         for name, there in columns.items():
             if there == angle:
                 return file, name
-        columns[label] = angle
-        return file, label
+        column = _free(columns, label)
+        columns[column] = angle
+        return file, column
 
     def finished(self) -> dict[str, str]:
         """All files."""
@@ -239,4 +243,11 @@ def _single(value: Any, label: str, dimensions: int | None = None) -> Any:
 
 def _word(name: str) -> str:
     """An option's name as a part of a file name or a column."""
-    return re.sub(r"\W+", "_", name) or texts([hash(name)])[0]
+    return re.sub(r"\W+", "_", name)
+
+
+def _free(taken: Container[str], *names: str) -> str:
+    """The first name that is not taken; when all are, the last one with a number."""
+    stem, dot, suffix = names[-1].partition(".")
+    numbered = (f"{stem}_{i}{dot}{suffix}" for i in itertools.count(2))
+    return next(name for name in itertools.chain(names, numbered) if name not in taken)

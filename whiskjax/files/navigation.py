@@ -195,8 +195,8 @@ def geodetic(position_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarr
     return np.asarray(lat), np.asarray(lon), np.asarray(height)
 
 
-# A degree is 111 km: 1e-14 of it is the rounding of an ECEF coordinate, and of the angle itself.
-_PLACE_DEG, _HEIGHT_M, _ANGLE_DEG, _SPEED_MPS = 2e-14, 2e-9, 1e-13, 1e-12
+# The rounding of ECEF coordinates (a degree is 111 km) and of what is computed from them: a height that was 52.718 stays so.
+_PLACE_DEG, _HEIGHT_M, _ANGLE_DEG, _SPEED_MPS = 2e-14, 4e-9, 1e-13, 1e-12
 
 
 def position_texts(position_m: Float[np.ndarray, "n 3"], world: str) -> dict[str, list[str]]:
