@@ -1,0 +1,1 @@
+"""What people see of a calibration: one summary, and tables, figures and a report made from it."""

@@ -1,0 +1,235 @@
+"""A calibration as plain data: every figure that is printed, drawn in words or written comes from this one place.
+
+The summary is made of dicts, lists, strings, booleans and floats, so that `results.json` is the summary itself. Figures that do
+not exist (the spread of one residual, the prior of an unknown without one) are None. Names end in their unit; parameters carry
+theirs in `unit` (degrees, metres, milliseconds, pixels).
+"""
+
+import math
+import platform
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from ..estimate.calibrate import Calibration
+from ..flights.flight import Flight
+from ..rules.results import codes_of, message_of
+from .residuals import STAGES, Residuals, gather
+
+HALF_WEIGHT = 0.5
+STRONG = 0.9
+PRIOR_ONLY = 0.05
+_LARGEST = 5
+
+Summary = dict[str, Any]
+
+
+def number(x: Any) -> float | None:
+    """A float for JSON; None where it is not finite."""
+    value = float(x)
+    return value if math.isfinite(value) else None
+
+
+def probability(p: float) -> str:
+    """A probability for people: below a millionth its exact size says nothing."""
+    return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"
+
+
+def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Summary:
+    """Everything worth telling about a calibration.
+
+    **Arguments:**
+
+    - `calibration`: made from `flight.observations()`.
+    - `command`: how it was made, for the reader who wants to repeat it.
+    """
+    residuals = gather(calibration, flight)
+    parameters = _parameters(calibration)
+    posterior, fit = calibration.posterior, calibration.fit
+    data = {
+        "flight": flight.name,
+        "command": command,
+        "verdict": {},
+        "units": {
+            "residuals": f"px, measured - projected; x = {residuals.axes[0]}, y = {residuals.axes[1]}",
+            "parameters": "each in its own unit",
+            "data_share": "1 - sigma^2 / prior_sigma^2: the part of the prior variance that the data removed",
+        },
+        "counts": _counts(residuals, flight),
+        "solver": {
+            "converged": int(codes_of(calibration.result)) == 0,
+            "message": message_of(int(codes_of(calibration.result))),
+            "steps": calibration.steps,
+        },
+        "fit": {
+            "variance_factor": number(fit.variance_factor),
+            "sigma_factor": number(math.sqrt(fit.variance_factor)) if fit.variance_factor >= 0 else None,
+            "degrees_of_freedom": fit.degrees_of_freedom,
+            "tail_probability": number(fit.tail_probability),
+            "is_consistent": fit.is_consistent,
+        },
+        "parameters": parameters,
+        "determined": {
+            "is_determined": posterior.is_determined,
+            "unknowns": len(parameters),
+            "rank_of_data": posterior.rank,
+            "condition_of_data": number(posterior.condition),
+            "null_space_of_data": [dict(direction) for direction in posterior.null_space],
+            "not_determined": [p["name"] for p in parameters if p["sigma"] is None],
+            "fixed_by_prior": [p["name"] for p in parameters if p["data_share"] is not None and p["data_share"] < PRIOR_ONLY],
+        },
+        "correlation": _correlation(calibration),
+        "residuals": [row for row in _statistics(residuals)],
+        "largest_residuals": _largest(residuals),
+        "down_weighted": _down_weighted(residuals),
+        "warnings": list(calibration.warnings),
+        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "optimistix", "numpy")}
+        | {"python": platform.python_version()},
+    }
+    data["verdict"] = _verdict(calibration.is_sound, data)
+    return data
+
+
+def _parameters(calibration: Calibration) -> list[Summary]:
+    rows = []
+    for k, unknown in enumerate(calibration.unknowns):
+        unit, factor = unknown.unit
+        has_prior = unknown.mean is not None and unknown.sigma is not None
+        rows.append(
+            {
+                "name": unknown.name,
+                "where": [place.text for place in unknown.places],
+                "unit": unit,
+                "prior_mean": number(unknown.mean * factor) if unknown.mean is not None else None,
+                "prior_sigma": number(unknown.sigma * factor) if unknown.sigma is not None else None,
+                "start": number(calibration.start[k] * factor),
+                "value": number(calibration.value[k] * factor),
+                "sigma": number(calibration.posterior.sigma[k] * factor),
+                "data_share": number(calibration.posterior.data_share[k]),
+                "from_prior_sigmas": number((calibration.value[k] - unknown.mean) / unknown.sigma) if has_prior else None,  # pyright: ignore[reportOperatorIssue, reportOptionalOperand]
+            }
+        )
+    return rows
+
+
+def _correlation(calibration: Calibration) -> Summary:
+    rho = calibration.posterior.correlation
+    names = [x.name for x in calibration.unknowns]
+    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(rho[i, j]) > STRONG]
+    strong.sort(key=lambda ij: -abs(rho[ij]))
+    return {
+        "names": names,
+        "matrix": [[number(x) for x in row] for row in rho],
+        "threshold": STRONG,
+        "strong": [{"first": names[j], "second": names[i], "correlation": number(rho[i, j])} for i, j in strong],
+    }
+
+
+def _counts(residuals: Residuals, flight: Flight) -> Summary:
+    control = int(residuals.is_control.sum())
+    return {
+        "images": len(residuals.images),
+        "images_without_observations": len(flight.images) - len(residuals.images),
+        "observations": len(residuals),
+        "control_observations": control,
+        "check_observations": len(residuals) - control,
+        "control_points": len({p for p, c in zip(residuals.points, residuals.is_control, strict=True) if c}),
+        "check_points": len({p for p, c in zip(residuals.points, residuals.is_control, strict=True) if not c}),
+        "tie_observations_left_out": len(flight.measurements) - len(residuals),
+    }
+
+
+def _moments(r: np.ndarray) -> Summary:
+    return {
+        "n": len(r),
+        "mean_px": number(r.mean()),
+        "std_px": number(r.std(ddof=1)) if len(r) > 1 else None,
+        "max_abs_px": number(np.abs(r).max()),
+        "rms_px": number(np.sqrt((r**2).mean())),
+    }
+
+
+def _statistics(residuals: Residuals) -> list[Summary]:
+    """For all images together (image None) and for each: control and check, before and after, both axes."""
+    rows = []
+    places = [(None, np.ones(len(residuals), dtype=bool))]
+    places += [(image.name, residuals.image == i) for i, image in enumerate(residuals.images)]
+    for name, here in places:
+        for role, is_role in (("control", residuals.is_control), ("check", ~residuals.is_control)):
+            chosen = here & is_role
+            if not chosen.any():
+                continue
+            for k, axis in enumerate(("x", "y")):
+                for stage in STAGES:
+                    group = {"image": name, "role": role, "axis": axis, "axis_name": residuals.axes[k], "stage": stage}
+                    rows.append(group | _moments(residuals.stage(stage)[chosen, k]))
+    return rows
+
+
+def _largest(residuals: Residuals) -> list[Summary]:
+    """The observations with the longest residual after: where a blunder would show."""
+    length = np.nan_to_num(np.hypot(*residuals.after_px.T), nan=np.inf)
+    return [
+        {
+            "image": residuals.images[residuals.image[i]].name,
+            "point": residuals.points[i],
+            "role": residuals.role(int(i)),
+            "x_px": number(residuals.after_px[i, 0]),
+            "y_px": number(residuals.after_px[i, 1]),
+            "length_px": number(length[i]),
+            "weight": number(residuals.weight[i]),
+        }
+        for i in np.argsort(-length, kind="stable")[:_LARGEST]
+    ]
+
+
+def _down_weighted(residuals: Residuals) -> Summary:
+    """Control observations that a robust loss took more than half of the weight from."""
+    found = np.flatnonzero(residuals.is_control & (residuals.weight < HALF_WEIGHT))
+    found = found[np.argsort(residuals.weight[found], kind="stable")]
+    return {
+        "below_weight": HALF_WEIGHT,
+        "count": len(found),
+        "observations": [
+            {
+                "image": residuals.images[residuals.image[i]].name,
+                "point": residuals.points[i],
+                "weight": number(residuals.weight[i]),
+            }
+            for i in found
+        ],
+    }
+
+
+def _verdict(is_sound: bool, data: Summary) -> Summary:
+    """Sound or not, in words that need no statistics."""
+    fit, determined, solver = data["fit"], data["determined"], data["solver"]
+    k = determined["unknowns"]
+    reasons = []
+    if determined["not_determined"]:
+        reasons.append(f"nothing determines {', '.join(determined['not_determined'])}: neither the observations nor a prior")
+    elif not solver["converged"]:
+        reasons.append(f"after {solver['steps']} steps {solver['message']}")
+    else:
+        reasons.append(f"the iteration converged in {solver['steps']} steps")
+        reasons.append(f"observations and priors together determine {'all ' + str(k) if k > 1 else 'the'} unknown{'s' * (k > 1)}")
+    if fit["sigma_factor"] is None:
+        reasons.append("there are no more observations than unknowns, so the fit cannot be tested")
+    else:
+        times = f"the residuals are {fit['sigma_factor']:.2f} times as large as their sigmas say"
+        chance = f"(probability of more by chance: {probability(fit['tail_probability'])})"
+        reasons.append(f"{times}, {'which is consistent' if fit['is_consistent'] else 'more than chance explains'} {chance}")
+    cautions = []
+    if determined["fixed_by_prior"]:
+        held = determined["fixed_by_prior"]
+        cautions.append(
+            f"{', '.join(held)} {'is' if len(held) == 1 else 'are'} fixed by the prior alone: the data say nothing new"
+        )
+    if (n := len(data["correlation"]["strong"])) > 0:
+        cautions.append(f"{n} pair{'s' * (n > 1)} of unknowns {'are' if n > 1 else 'is'} correlated above {STRONG}")
+    if (n := data["down_weighted"]["count"]) > 0:
+        cautions.append(f"{n} control observation{'s' * (n > 1)} lost more than half of {'their' if n > 1 else 'its'} weight")
+    if data["counts"]["check_observations"] == 0:
+        cautions.append("there are no check points: nothing tests the result from outside")
+    return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}

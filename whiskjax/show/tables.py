@@ -1,0 +1,200 @@
+"""Tables of a summary, for the terminal and for the report: the same words and the same digits in both."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from ..rules import import_extra
+from .summary import PRIOR_ONLY, Summary
+
+IMAGES_SHOWN = 12
+_NONE = "–"
+_WIDEST_TEXT = 14
+
+
+class Cell(NamedTuple):
+    """What a cell says, and whether it deserves a second look."""
+
+    text: str
+    alarm: bool = False
+
+
+class Table(NamedTuple):
+    """A table of text: headings (numbers to the right), rows, and one sentence on how to read it."""
+
+    title: str
+    headings: tuple[str, ...]
+    is_number: tuple[bool, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str = ""
+    breaks: tuple[int, ...] = ()  # rows after which a group ends
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """So many decimals, with a proper minus sign; a dash where there is no figure."""
+    if value is None:
+        return _NONE
+    text = f"{value:.{decimals}f}"
+    return (text[1:] if float(text) == 0 and text[0] == "-" else text).replace("-", "−")
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Up to so many significant digits."""
+    return _NONE if value is None else f"{value:.{digits}g}".replace("-", "−")
+
+
+def percent(share: float | None) -> str:
+    """A share in percent; close to 0 and 100 with the decimal that tells it from them."""
+    if share is None:
+        return _NONE
+    return fixed(max(100 * share, 0.0), 1) + " %"
+
+
+def decimals_of(sigma: float | None) -> int:
+    """Decimals that show two digits of a sigma; six where there is none."""
+    if sigma is None or not sigma > 0:
+        return 6
+    return min(12, max(0, 1 - math.floor(math.log10(sigma))))
+
+
+def parameters(summary: Summary) -> Table:
+    """The unknowns: prior, value and sigma in their unit, and what the data had to say."""
+    rows = []
+    for p in summary["parameters"]:
+        decimals = decimals_of(p["sigma"])
+        prior = _NONE if p["prior_sigma"] is None else f"{short(p['prior_mean'], 6)} ± {short(p['prior_sigma'])}"
+        share, away = p["data_share"], p["from_prior_sigmas"]
+        rows.append(
+            (
+                Cell(p["name"]),
+                Cell(p["unit"]),
+                Cell(prior),
+                Cell(fixed(p["value"], decimals)),
+                Cell("∞" if p["sigma"] is None else fixed(p["sigma"], decimals), p["sigma"] is None),
+                Cell(percent(share), share is not None and share < PRIOR_ONLY),
+                Cell(_NONE if away is None else fixed(away, 1), away is not None and abs(away) > 3),
+            )
+        )
+    return Table(
+        "Unknowns",
+        ("unknown", "unit", "prior", "value", "± sigma", "from data", "shift"),
+        (False, False, True, True, True, True, True),
+        tuple(rows),
+        "From data: share of the prior variance that the data removed; near 0 % the prior alone says it. "
+        "Shift: (value − prior mean) / prior sigma.",
+    )
+
+
+def _by_place(rows: Sequence[Summary]) -> dict[tuple[Any, str, str], dict[str, Summary]]:
+    """Statistics by (image, role, axis), each with its stages."""
+    out: dict[tuple[Any, str, str], dict[str, Summary]] = {}
+    for row in rows:
+        out.setdefault((row["image"], row["role"], row["axis"]), {})[row["stage"]] = row
+    return out
+
+
+def shown_images(summary: Summary, limit: int = IMAGES_SHOWN) -> list[str]:
+    """The images a table has room for: all, or those with the largest residuals after, in the flight's order."""
+    square: dict[str, float] = {}
+    for row in summary["residuals"]:
+        if row["image"] is not None and row["stage"] == "after":
+            square.setdefault(row["image"], 0.0)
+            square[row["image"]] = max(square[row["image"]], math.inf if row["rms_px"] is None else row["rms_px"])
+    names = list(square)
+    keep = set(sorted(names, key=lambda name: -square[name])[:limit])
+    return [name for name in names if name in keep]
+
+
+def residuals(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
+    """Residuals in pixels for each image: control and check, before and after."""
+    chosen = shown_images(summary, limit)
+    total = summary["counts"]["images"]
+    rows, breaks = [], []
+    stats = _by_place(summary["residuals"])
+    order = [None, *chosen] if total > 1 else chosen
+    # A hundredth of a pixel; more where the residuals after are smaller than that.
+    after_rms = [row["rms_px"] or 0.0 for row in summary["residuals"] if row["stage"] == "after"]
+    finest = 2 if max(after_rms) >= 0.1 else decimals_of(max(after_rms))
+    for image in order:
+        for (name, role, axis), by_stage in stats.items():
+            if name != image:
+                continue
+            before, after = by_stage["before"], by_stage["after"]
+            first = axis == "x"
+            figures = [
+                Cell(fixed(stage[key], 2 if stage is before else finest))
+                for stage in (before, after)
+                for key in ("mean_px", "std_px", "max_abs_px")
+            ]
+            place = Cell(("all" if image is None else image) if first else "")
+            rows.append((place, Cell(role if first else ""), Cell(str(after["n"]) if first else ""), Cell(axis), *figures))
+        breaks.append(len(rows) - 1)
+    names = dict.fromkeys((row["axis"], row["axis_name"]) for row in summary["residuals"])
+    left = f" {len(chosen)} of {total} images shown, those with the largest residuals; all are in statistics.csv."
+    return Table(
+        "Residuals (px), measured − projected",
+        ("image", "role", "n", "axis", "before: mean", "before: std", "before: max", "after: mean", "after: std", "after: max"),
+        (False, False, True, False, True, True, True, True, True, True),
+        tuple(rows),
+        f"{', '.join(f'{axis} = {name}' for axis, name in names)}; max = largest absolute value; "
+        f"check points took no part in the estimation.{left if len(chosen) < total else ''}",
+        tuple(breaks[:-1]),
+    )
+
+
+def correlations(summary: Summary, limit: int = 15) -> Table | None:
+    """Pairs of unknowns that the data can hardly tell apart; None where there are none."""
+    strong = summary["correlation"]["strong"]
+    if not strong:
+        return None
+    more = f" The {limit} strongest of {len(strong)} are shown." if len(strong) > limit else ""
+    return Table(
+        "Correlations above 0.9",
+        ("unknown", "with", "correlation"),
+        (False, False, True),
+        tuple(
+            (Cell(s["first"]), Cell(s["second"]), Cell(fixed(s["correlation"], 3), abs(s["correlation"]) > 0.95))
+            for s in strong[:limit]
+        ),
+        "Above 0.95 only a combination of the two is determined: do not read either value by itself." + more,
+    )
+
+
+def largest(summary: Summary) -> Table:
+    """The longest residuals, where a blunder would show."""
+    return Table(
+        "Largest residuals after (px)",
+        ("image", "point", "role", "x", "y", "length", "weight"),
+        (False, False, False, True, True, True, True),
+        tuple(
+            (
+                Cell(row["image"]),
+                Cell(row["point"]),
+                Cell(row["role"]),
+                *(Cell(fixed(row[key], 2)) for key in ("x_px", "y_px", "length_px", "weight")),
+            )
+            for row in summary["largest_residuals"]
+        ),
+        "Weight: what a robust loss left of the observation; 1 without one.",
+    )
+
+
+def for_terminal(table: Table) -> Any:
+    """The table as rich draws it; nothing is cut off, long names wrap."""
+    rich_table = import_extra("rich.table", "app")
+    text = import_extra("rich.text", "app")
+    box = import_extra("rich.box", "app")
+    group = import_extra("rich.console", "app").Group
+    drawn = rich_table.Table(
+        title=table.title, title_justify="left", title_style="bold",
+        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True, show_edge=False,
+    )  # fmt: skip
+    for k, (heading, number) in enumerate(zip(table.headings, table.is_number, strict=True)):
+        lines = heading.split(": ")
+        width = max(len(text) for text in (*lines, *(row[k].text for row in table.rows)))
+        width = width if number else min(width, _WIDEST_TEXT)
+        drawn.add_column("\n".join(lines), justify="right" if number else "left", overflow="fold", min_width=width)
+    for i, row in enumerate(table.rows):
+        cells = [text.Text(cell.text, style="bold yellow" if cell.alarm else "") for cell in row]
+        drawn.add_row(*cells, end_section=i in table.breaks)
+    return group(drawn, text.Text(table.caption, style="dim")) if table.caption else drawn
