@@ -1,0 +1,159 @@
+"""`whiskjax calibrate`: estimate a flight's unknowns from its control points, and show how far to trust them."""
+
+import dataclasses
+import json
+import shlex
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .failure import NOT_SOUND, answers_failures
+from .output import refuse_place, whole_folder
+from .start import start_jax
+
+if TYPE_CHECKING:
+    from ..estimate.calibrate import Calibration
+    from ..flights.flight import Flight
+    from ..show.style import Drawing
+    from ..show.summary import Summary
+
+_BOUND = 2.5
+_WARNINGS_SHOWN = 12
+_OURS = (
+    "results.json",
+    "report.html",
+    "parameters.csv",
+    "statistics.csv",
+    "residuals.csv",
+    "residual_vectors.png",
+    "residual_trends.png",
+    "prior_posterior.png",
+    "correlations.png",
+    "calibrated",
+)
+
+
+class Loss(StrEnum):
+    """How much an observation far from the others may pull."""
+
+    none = "none"
+    huber = "huber"
+    cauchy = "cauchy"
+
+
+@answers_failures
+def calibrate(
+    flight: Annotated[Path, typer.Argument(help="The flight folder (flight.toml and its tables).", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
+    loss: Annotated[Loss, typer.Option(help="Robust loss against blunders.")] = Loss.none,
+    bound: Annotated[float | None, typer.Option(help=f"Where the robust loss sets in, in sigmas [default: {_BOUND}].")] = None,
+    max_steps: Annotated[int, typer.Option(min=1, help="Steps after which the iteration is given up.")] = 100,
+) -> None:
+    """Estimate a flight's unknowns from its control points.
+
+    Prints values with their sigmas, what the data determined and what only the prior says, residuals before and after, and a
+    verdict. Writes results.json, report.html, CSV tables, PNG figures and, where the result is sound, the calibrated flight.
+    """
+    if bound is not None and loss is Loss.none:
+        raise typer.BadParameter("it belongs to --loss huber or cauchy", param_hint="--bound")
+    if bound is not None and not 0 < bound < float("inf"):
+        raise typer.BadParameter("it is a positive number of sigmas", param_hint="--bound")
+    refuse_place(out, flight)
+    start_jax()
+    from .stages import Stages
+
+    with Stages("read", "compile and solve", "draw and write") as stages:
+        stages.enter("read")
+        from ..estimate.calibrate import calibrate as solve
+        from ..estimate.losses import Cauchy, Huber
+        from ..files.read import read_flight
+        from ..show.figures import draw_all
+        from ..show.residuals import gather
+        from ..show.summary import summarise
+
+        found = read_flight(flight)
+        stages.enter("compile and solve")
+        kinds = {Loss.none: lambda _: None, Loss.huber: Huber, Loss.cauchy: Cauchy}
+        robust = kinds[loss](_BOUND if bound is None else bound)
+        calibration = solve(found.sensor, found.observations(), found.unknowns, loss=robust, max_steps=max_steps, throw=False)
+        stages.enter("draw and write")
+        summary = summarise(calibration, found, _command(flight, out, loss, bound, max_steps))
+        drawings = draw_all(summary, gather(calibration, found))
+        with whole_folder(out, _OURS) as folder:
+            _write(folder, calibration, found, summary, drawings)
+    _print(summary, out)
+    raise typer.Exit(0 if calibration.is_sound else NOT_SOUND)
+
+
+def _command(flight: Path, out: Path, loss: Loss, bound: float | None, max_steps: int) -> str:
+    words = ["whiskjax", "calibrate", str(flight), "--out", str(out)]
+    words += ["--loss", loss.value] if loss is not Loss.none else []
+    words += ["--bound", f"{bound:g}"] if bound is not None else []
+    words += ["--max-steps", str(max_steps)] if max_steps != 100 else []
+    return shlex.join(words)
+
+
+def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: "Summary", drawings: "list[Drawing]") -> None:
+    from ..files.write import write_flight
+    from ..show.report import make_report
+    from ..show.residuals import gather
+    from ..show.sheets import write_parameters, write_residuals, write_statistics
+
+    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    write_parameters(folder / "parameters.csv", summary)
+    write_statistics(folder / "statistics.csv", summary)
+    write_residuals(folder / "residuals.csv", gather(calibration, flight))
+    for drawing in drawings:
+        drawing.write(folder)
+    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+    if calibration.is_sound:
+        calibrated = dataclasses.replace(flight, sensor=calibration.sensor, name=f"{flight.name}, calibrated")
+        write_flight(calibrated, folder / "calibrated")
+
+
+def _print(summary: "Summary", out: Path) -> None:
+    """Tables first, the verdict last: it is what stays in view."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..show.tables import for_terminal, largest, parameters, residuals
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=100)
+
+    def say(text: str, lead: str = "", style: str = "") -> None:
+        """Text behind a lead; wrapped beside it on a terminal, and one line each in a file."""
+        if not console.is_terminal or not lead:
+            console.print(Text(lead + text, style=style), soft_wrap=not console.is_terminal)
+            return
+        grid = Table.grid()
+        grid.add_row(Text(lead, style=style), Text(text))
+        console.print(grid)
+
+    counts: dict[str, Any] = summary["counts"]
+    say(summary["flight"], style="bold")
+    say(
+        f"{counts['control_observations']} control and {counts['check_observations']} check observations in "
+        f"{counts['images']} images, {summary['determined']['unknowns']} unknowns"
+    )
+    if counts["tie_observations_left_out"]:
+        say(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")
+    for table in (parameters(summary), residuals(summary), largest(summary)):
+        console.print()
+        console.print(for_terminal(table))
+    verdict, warnings = summary["verdict"], summary["warnings"]
+    console.print()
+    more = len(warnings) - _WARNINGS_SHOWN
+    for warning in [*warnings[:_WARNINGS_SHOWN], *([f"and {more} more in results.json"] if more > 0 else [])]:
+        say(warning, "warning: ", "yellow")
+    console.print()
+    say(f"This calibration is {verdict['word']}:", style="bold green" if verdict["is_sound"] else "bold red")
+    for sentence in (*verdict["reasons"], *verdict["cautions"]):
+        say(sentence, "  - ")
+    calibrated = "" if verdict["is_sound"] else " (no calibrated flight: the result is not sound)"
+    say(f"Written to {out}: report.html, results.json, tables and figures{calibrated}")

@@ -1,0 +1,53 @@
+"""`whiskjax simulate`: write a simulated flight as a flight folder."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .failure import answers_failures
+from .start import start_jax
+
+simulate = typer.Typer(no_args_is_help=True, help="Write a simulated flight as a flight folder.")
+
+
+@simulate.callback()
+def _group() -> None:
+    """Keeps the flight's name a word of the command, now that there is only one flight."""
+
+
+class Order(StrEnum):
+    """Which of the two turns comes first, counted from the platform."""
+
+    scan_pitch = "scan-pitch"
+    pitch_scan = "pitch-scan"
+
+
+@simulate.command()
+@answers_failures
+def haian(
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random: the same seed is the same flight.")],
+    out: Annotated[Path, typer.Option(help="The folder to write.")],
+    noise: Annotated[bool, typer.Option(help="Errors of POS, points and image measurements.")] = True,
+    drift: Annotated[bool, typer.Option(help="IMU boresight of the last pair of images has drifted.")] = True,
+    order: Annotated[Order, typer.Option(help="Order of the scan and the pitch turn.")] = Order.scan_pitch,
+    force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
+) -> None:
+    """The whiskbroom scanner with left and right swings: 6 images, 15 unknowns (Jin et al. 2024).
+
+    The folder also gets truth.csv, the parameters that a calibration should find; nothing reads it.
+    """
+    start_jax()
+    from ..files.write import write_flight
+    from ..flights import haian as simulated
+    from ..show.sheets import write_truth
+
+    flight = simulated.simulate(seed, noise=noise, drift=drift, scan_first=order is Order.scan_pitch)
+    write_flight(flight, out, overwrite=force)
+    write_truth(out / "truth.csv", simulated.unknowns(mean=simulated.TABLE_4))
+    size = sum(path.stat().st_size for path in out.iterdir())
+    typer.echo(
+        f"{flight.name}: {len(flight.images)} images, {len(flight.points.names)} points, {len(flight.measurements)} "
+        f"observations, {len(flight.unknowns)} unknowns; {size / 1e6:.1f} MB in {out}"
+    )
