@@ -1,0 +1,121 @@
+"""The summary: plain data, in the units that it states, and true to the calibration."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from whiskjax.rules import RESULTS
+from whiskjax.show.residuals import gather
+from whiskjax.show.summary import probability, summarise
+
+
+def test_is_plain_data(summary):
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_parameters_are_in_their_unit(summary, calibration):
+    degrees = 180 / np.pi
+    by_name = {p["name"]: p for p in summary["parameters"]}
+    for k, unknown in enumerate(calibration.unknowns):
+        p = by_name[unknown.name]
+        factor = degrees if p["unit"] == "deg" else 1.0
+        assert p["unit"] == ("m" if unknown.name[0] in "uvw" else "deg")
+        np.testing.assert_allclose(p["value"], factor * calibration.value[k], rtol=1e-12)
+        np.testing.assert_allclose(p["sigma"], factor * calibration.posterior.sigma[k], rtol=1e-12)
+        np.testing.assert_allclose(p["data_share"], 1 - (p["sigma"] / p["prior_sigma"]) ** 2, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(p["from_prior_sigmas"], (p["value"] - p["prior_mean"]) / p["prior_sigma"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("stage", ["before", "after"])
+@pytest.mark.parametrize("role", ["control", "check"])
+@pytest.mark.parametrize("k", [0, 1])
+def test_statistics_are_those_of_numpy(summary, calibration, flight, stage, role, k):
+    residual = getattr(calibration, f"residual_{stage}_px")[:, k]
+    is_role = calibration.observations.is_control == (role == "control")
+    for image in [None, *(i.name for i in flight.images)]:
+        here = is_role & (True if image is None else np.asarray(calibration.observations.images) == image)
+        key = {"image": image, "role": role, "stage": stage, "axis": "xy"[k]}
+        rows = [row for row in summary["residuals"] if key.items() <= row.items()]
+        assert len(rows) == int(here.any())
+        for row in rows:
+            r = residual[here]
+            assert row["n"] == len(r)
+            expected = [r.mean(), r.std(ddof=1), np.abs(r).max(), np.sqrt((r**2).mean())]
+            np.testing.assert_allclose([row[f"{s}_px"] for s in ("mean", "std", "max_abs", "rms")], expected, rtol=1e-12)
+
+
+def test_says_what_a_careful_person_would(summary):
+    assert summary["verdict"]["is_sound"]
+    assert summary["determined"]["fixed_by_prior"] == ["omega_sen"]
+    pairs = {frozenset((s["first"], s["second"])) for s in summary["correlation"]["strong"]}
+    assert frozenset(("omega_pos_left", "omega_sen")) in pairs
+    assert all(abs(s["correlation"]) > 0.9 for s in summary["correlation"]["strong"])
+    assert summary["counts"]["control_observations"] == 130 and summary["counts"]["check_observations"] == 101
+    assert any("omega_sen" in caution for caution in summary["verdict"]["cautions"])
+
+
+def test_an_undetermined_unknown_has_no_sigma(undetermined):
+    calibration, flight = undetermined
+    summary = summarise(calibration, flight)
+    json.dumps(summary, allow_nan=False)
+    assert not summary["verdict"]["is_sound"]
+    assert summary["determined"]["not_determined"] == ["omega_sen"]
+    assert next(p for p in summary["parameters"] if p["name"] == "omega_sen")["sigma"] is None
+    assert "omega_sen" in summary["verdict"]["reasons"][0]
+    assert summary["determined"]["condition_of_data"] is None
+
+
+def test_an_iteration_without_an_end_is_not_sound(calibration, flight):
+    verdict = summarise(dataclasses.replace(calibration, result=RESULTS.not_converged), flight)["verdict"]
+    assert verdict["word"] == "not sound"
+    assert verdict["reasons"][0].startswith("after ") and "did not converge" in verdict["reasons"][0]
+
+
+def test_an_inconsistent_fit_is_not_sound(calibration, flight):
+    fit = calibration.fit._replace(variance_factor=9.0, tail_probability=0.0, is_consistent=False)
+    verdict = summarise(dataclasses.replace(calibration, fit=fit), flight)["verdict"]
+    assert not verdict["is_sound"]
+    assert "3.00 times" in verdict["reasons"][-1] and "more than chance explains" in verdict["reasons"][-1]
+
+
+def test_tie_points_and_empty_images_are_counted(calibration, flight):
+    """A measurement of a tie point, and an image that only it is in."""
+    m = flight.measurements
+    more = {f.name: np.append(getattr(m, f.name), getattr(m, f.name)[0]) for f in dataclasses.fields(m)}
+    more["point"][-1] = len(flight.points.names)
+    points = dataclasses.replace(
+        flight.points,
+        names=[*flight.points.names, "a tie"],
+        roles=[*flight.points.roles, "tie"],
+        position_m=np.concatenate([flight.points.position_m, np.full((1, 3), np.nan)]),
+        sigma_enu_m=np.concatenate([flight.points.sigma_enu_m, np.zeros((1, 3))]),
+    )
+    images = [*flight.images, dataclasses.replace(flight.images[0], name="alone")]
+    more["image"][-1] = len(flight.images)
+    flight = dataclasses.replace(flight, points=points, images=images, measurements=dataclasses.replace(m, **more))
+    counts = summarise(calibration, flight)["counts"]
+    assert counts["tie_observations_left_out"] == 1 and counts["images_without_observations"] == 1
+    assert counts["images"] == 6 and counts["observations"] == 231
+
+
+def test_down_weighted_observations_are_named(calibration, flight):
+    weight = calibration.robust_weight.copy()
+    control = np.flatnonzero(calibration.observations.is_control)
+    check = np.flatnonzero(~calibration.observations.is_control)
+    weight[[control[3], control[7], check[0]]] = 0.4, 0.1, 0.1
+    found = summarise(dataclasses.replace(calibration, robust_weight=weight), flight)["down_weighted"]
+    names = [calibration.observations.points[i] for i in (control[7], control[3])]
+    assert found["count"] == 2 and [o["point"] for o in found["observations"]] == names
+
+
+def test_refuses_the_wrong_flight(calibration, flight):
+    roles = ["tie", *flight.points.roles[1:]]
+    other = dataclasses.replace(flight, points=dataclasses.replace(flight.points, roles=roles))
+    with pytest.raises(ValueError, match="the flight that it was made from"):
+        gather(calibration, other)
+
+
+def test_probability_for_people():
+    assert probability(0.0187) == "0.019" and probability(4e-305) == "below 1e-6"
