@@ -1,0 +1,53 @@
+"""`whiskjax simulate`: the same seed is the same flight, and no flight is lost."""
+
+import csv
+
+import pytest
+
+from whiskjax.files.read import read_flight
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_the_same_seed_is_the_same_folder(whiskjax, flight, tmp_path):
+    result = whiskjax("simulate", "haian", "--seed", 5, "--out", tmp_path / "again")
+    assert result.exit_code == 0 and "231 observations" in result.stdout
+    assert contents(tmp_path / "again") == contents(flight)
+    assert sum(map(len, contents(flight).values())) < 2e6
+
+
+def test_options_reach_the_simulation(whiskjax, flight, tmp_path):
+    words = ["--seed", 5, "--no-noise", "--no-drift", "--order", "pitch-scan", "--out", tmp_path / "other"]
+    assert whiskjax("simulate", "haian", *words).exit_code == 0
+    other, usual = read_flight(tmp_path / "other"), read_flight(flight)
+    assert "noise-free" in other.name
+    turns = [[name for name in f.sensor.names if name in ("scan", "pitch")] for f in (usual, other)]
+    assert turns == [["scan", "pitch"], ["pitch", "scan"]]
+
+
+def test_a_flight_is_replaced_only_by_force(whiskjax, tmp_path):
+    words = ["simulate", "haian", "--out", tmp_path / "f", "--seed"]
+    assert whiskjax(*words, 1).exit_code == 0
+    before = contents(tmp_path / "f")
+    refused = whiskjax(*words, 2)
+    assert refused.exit_code == 1 and "holds a flight already" in refused.stderr
+    assert contents(tmp_path / "f") == before
+    assert whiskjax(*words, 2, "--force").exit_code == 0
+    assert contents(tmp_path / "f") != before
+    assert [path.name for path in tmp_path.iterdir()] == ["f"]
+
+
+def test_truth_is_in_the_units_of_its_column(flight):
+    with (flight / "truth.csv").open(encoding="utf-8", newline="") as file:
+        truth = {row["name"]: (float(row["value"]), row["unit"]) for row in csv.DictReader(file)}
+    assert truth["omega_pos_left"] == (pytest.approx(2.7263512, abs=1e-12), "deg")
+    assert truth["w_sen"] == (-2.0103571, "m")
+
+
+@pytest.mark.parametrize("words", [[], ["haian"], ["haian", "--seed", "1"], ["haian", "--seed", "-1", "--out", "x"], ["mars"]])
+def test_wrong_usage_ends_in_two(whiskjax, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert whiskjax("simulate", *words).exit_code == 2
+    assert not list(tmp_path.iterdir())
