@@ -43,6 +43,7 @@ from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
 from .estimate.observations import Observations as Observations
 from .estimate.unknown import Unknown as Unknown
+from .estimate.unknown import assign as assign
 from .files.read import read_flight as read_flight
 from .files.write import write_flight as write_flight
 from .flights.flight import Flight as Flight

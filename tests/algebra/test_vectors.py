@@ -106,11 +106,3 @@ def test_columns_at_a_structural_zero_take_the_batch_shape_of_like():
     (by_x,) = v.columns(lambda x: (v.mul(x, 3.0), v.add(x, like)), (0,), like)
     np.testing.assert_array_equal(np.asarray(by_x[0]), 3 * np.ones(4))
     np.testing.assert_array_equal(np.asarray(by_x[1]), np.ones(4))
-
-
-def test_hold_changes_neither_values_nor_derivatives():
-    tree = {"a": jnp.arange(3.0), "b": (0, None)}
-    held = v.hold(tree)
-    np.testing.assert_array_equal(held["a"], tree["a"])
-    assert held["b"] == (0, None)
-    assert_derivatives(lambda x: jnp.sin(v.hold(x)), [0.1, 0.2], step=1e-2, tolerance=1e-10)

@@ -153,16 +153,3 @@ def columns(f: Callable[..., Any], at: Sequence[Component], like: Component | No
         return jax.tree.map(lambda e: 0 if e.dtype == jax.dtypes.float0 else e, d)
 
     return tuple(column(i) for i in range(len(at)))
-
-
-def hold(tree: Any) -> Any:
-    """Compute the arrays of a tree here, once.
-
-    A fence that XLA does not fuse across: without it, XLA on the CPU recomputes sines and cosines inside every consumer.
-    """
-    leaves, treedef = jax.tree.flatten(tree)
-    which = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
-    held = jax.lax.optimization_barrier([leaves[i] for i in which])
-    for i, leaf in zip(which, held, strict=True):
-        leaves[i] = leaf
-    return treedef.unflatten(leaves)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.vectors import ZERO, Component, Vec2, Vec3, hold, norm, scale, stack, unstack
+from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, unstack
 from ..earth.surface import AbstractSurface
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
@@ -62,11 +62,7 @@ def image(sensor: Sensor, shot: Shot, point: Vec3) -> Vec2:
 
 
 def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "... n"]:
-    """The components as an array, NaN where the result is not a success.
-
-    Held first: XLA would otherwise compute the whole chain once for each component that is stacked.
-    """
-    components, result = hold((components, result))
+    """The components as an array, NaN where the result is not a success."""
     ok = is_successful(result)
     return stack([jnp.where(ok, c, jnp.nan) for c in components])
 

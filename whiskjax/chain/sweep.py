@@ -8,7 +8,7 @@ H_earth. Bias, drift, encoder and POS errors, orientation images and consider st
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, hold, matmul, neg, transpose, vadd
+from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, matmul, neg, transpose, vadd
 from .pose import Motion, Pose
 from .sensor import Sensor
 from .shot import Shot
@@ -29,16 +29,9 @@ class Sweep(eqx.Module):
         return neg(dx), neg(dy)
 
 
-def sweep(sensor: Sensor, shot: Shot, point: Vec3, fence: bool = False) -> Sweep:
-    """Project a ground point (components, world frame, metres) and differentiate at every joint.
-
-    **Arguments:**
-
-    - `fence`: keep XLA from recomputing the trigonometry of the poses for each point; worth it where points share poses.
-    """
+def sweep(sensor: Sensor, shot: Shot, point: Vec3) -> Sweep:
+    """Project a ground point (components, world frame, metres) and differentiate at every joint."""
     poses = {name: link.pose(shot) for name, link in zip(sensor.names, sensor.links, strict=True)}
-    if fence:
-        poses = hold(poses)
     points = {"earth": point}
     for name in sensor.names:
         points[name] = point = poses[name].into(point)

@@ -94,7 +94,7 @@ def calibrate(
     if not used.any():
         raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")
     n = len(observations)
-    problem, start, indices = pose_problem(sensor, observations, unknowns, loss)
+    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split=False)
     prepared, *first = _prepare(problem, jnp.asarray(start))
     before, follows, unseen = (by_observation(part, indices, n) for part in first)
     refuse(unseen, observations)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -28,7 +29,7 @@ Places = tuple[tuple[Address, ...], ...]
 
 
 class Group(eqx.Module):
-    """Observations that share every key by which the sensor chooses a link or camera.
+    """Observations that are imaged by the same code; keys that are Python ints choose links and cameras before tracing.
 
     `weight` is the lower triangle (w00, w10, w11) that whitens the residual; zero for padding, so that the number of observations
     is not part of what is compiled.
@@ -108,8 +109,16 @@ def _padded(n: int) -> int:
     return int(-(-n // step) * step)
 
 
-def _groups(sensor: Sensor, observations: Observations) -> tuple[tuple[Group, ...], list[np.ndarray]]:
-    choosing = [key for key in KEYS if key in sensor.key_names()]
+def _must_split(sensor: Sensor) -> set[str]:
+    """The keys by which cameras of different kinds are told apart, which no single batch can hold."""
+    camera = sensor.camera
+    kinds = {jax.tree.structure(option) for option in camera.options} if isinstance(camera, By) else set()
+    return {camera.key} if isinstance(camera, By) and len(kinds) > 1 else set()
+
+
+def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
+    chosen_first = set(sensor.key_names()) if split else _must_split(sensor)
+    choosing = [key for key in KEYS if key in chosen_first]
     codes = np.zeros((len(observations), len(choosing)), dtype=int)
     for j, key in enumerate(choosing):
         value = observations.key(key)
@@ -140,13 +149,19 @@ def pose_problem(
     observations: Observations,
     unknowns: Sequence[Unknown],
     loss: AbstractLoss | None = None,
+    split: bool = True,
 ) -> tuple[Problem, Float[np.ndarray, " unknowns"], list[np.ndarray]]:
     """A calibration as a `Problem`, all weights still zero.
+
+    **Arguments:**
+
+    - `split`: make one group for each swing, view and image that the sensor tells apart. Then only the unknowns that act on it
+      are differentiated for it, which is fastest to run; one group for all is fastest to compile.
 
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
     sensor = admit(sensor, unknowns)
-    groups, indices = _groups(sensor, observations)
+    groups, indices = _groups(sensor, observations, split)
     start = np.array([start_of(sensor, x) for x in unknowns])
     mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
     scale = np.array([x.size for x in unknowns])

@@ -5,7 +5,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..chain.address import Address, make_room, parse, read
+import jax.numpy as jnp
+from jaxtyping import ArrayLike, Float
+
+from ..chain.address import Address, make_room, parse, put, read
 from ..chain.sensor import Sensor
 from ..rules import WhiskjaxError
 
@@ -95,6 +98,16 @@ def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
             places.add(place)
             sensor = make_room(sensor, place)
     return sensor
+
+
+def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[ArrayLike, " unknowns"]) -> Sensor:
+    """The sensor with unknowns set to values (k,) in the units of their fields; differentiable in the values.
+
+    The way from a vector of parameters to an image: `jax.jacfwd(lambda v: project(assign(sensor, unknowns, v), shot, point))`.
+    """
+    value = jnp.asarray(values, dtype=float)
+    pairs = [(place, value[k]) for k, unknown in enumerate(unknowns) for place in unknown.places]
+    return put(admit(sensor, unknowns), [place for place, _ in pairs], [v for _, v in pairs])
 
 
 def start_of(sensor: Sensor, unknown: Unknown) -> float:

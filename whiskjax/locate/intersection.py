@@ -45,7 +45,7 @@ def intersect(
 ) -> Intersection:
     """Intersect the rays of many points at once.
 
-    Starts where the rays come closest to each other in space and then takes Gauss-Newton steps on the pixel residuals, with closed
+    Starts where the rays come closest in space, then takes Gauss-Newton steps on the pixel residuals, with closed
     3x3 solutions for each point.
 
     **Arguments:**
