@@ -80,6 +80,19 @@ def test_an_inconsistent_fit_is_not_sound(calibration, flight):
     assert "3.00 times" in verdict["reasons"][-1] and "more than chance explains" in verdict["reasons"][-1]
 
 
+def test_sigmas_that_are_too_large_are_said_to_be(calibration, flight):
+    fit = calibration.fit._replace(variance_factor=0.16, tail_probability=1.0)
+    reasons = summarise(dataclasses.replace(calibration, fit=fit), flight)["verdict"]["reasons"]
+    assert "0.40 times" in reasons[-1] and "too large" in reasons[-1]
+
+
+def test_a_null_space_that_priors_fill_is_a_caution(calibration, flight):
+    posterior = dataclasses.replace(calibration.posterior, rank=14, null_space=({"u_gps": 1.0, "u_sen": -1.0},))
+    verdict = summarise(dataclasses.replace(calibration, posterior=posterior), flight)["verdict"]
+    assert verdict["is_sound"]
+    assert "the data alone determine 14 of 15 unknowns" in verdict["cautions"][0] and "u_gps, u_sen" in verdict["cautions"][0]
+
+
 def test_tie_points_and_empty_images_are_counted(calibration, flight):
     """A measurement of a tie point, and an image that only it is in."""
     m = flight.measurements

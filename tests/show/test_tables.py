@@ -66,6 +66,17 @@ def test_many_images_show_the_worst_and_say_so(summary):
     assert "12 of 66 images" in table.caption
 
 
+def test_many_images_of_one_point_have_no_statistics_of_their_own(summary):
+    single = copy.deepcopy(summary)
+    pattern = [row | {"n": 1, "std_px": None} for row in single["residuals"] if (row["image"], row["role"]) == ("L1", "check")]
+    single["residuals"] = [row for row in single["residuals"] if row["image"] is None]
+    single["residuals"] += [row | {"image": f"image_{i:03d}"} for i in range(40) for row in pattern]
+    single["counts"]["images"] = 40
+    table = tables.residuals(single)
+    assert {row[0].text for row in table.rows} == {"all", ""}
+    assert "40 images have few points each" in table.caption
+
+
 def test_alarms_are_marked(summary):
     share = tables.parameters(summary).headings.index("from data")
     assert [row[0].text for row in tables.parameters(summary).rows if row[share].alarm] == ["omega_sen"]

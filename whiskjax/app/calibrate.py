@@ -139,7 +139,7 @@ def _print(summary: "Summary", out: Path) -> None:
     say(summary["flight"], style="bold")
     say(
         f"{counts['control_observations']} control and {counts['check_observations']} check observations in "
-        f"{counts['images']} images, {summary['determined']['unknowns']} unknowns"
+        f"{counts['images']} image{'' if counts['images'] == 1 else 's'}, {summary['determined']['unknowns']} unknowns"
     )
     if counts["tie_observations_left_out"]:
         say(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")

@@ -18,14 +18,15 @@ def draw_correlations(summary: Summary) -> Drawing:
     label = 0.09 * max(len(name) for name in names)
     cell = min(0.6, (WIDTH_INCH - label - 0.3 - 0.9 * beside) / max(k - 1, 1))
     size = max(k - 1, 1) * cell
-    upright = label if k > 5 else 0.25
+    turned = label > cell
+    upright = label if turned else 0.25
     figure = new_figure(max(size + upright + 0.3, 1.6), max(size + label + 0.3 + 1.2 * beside, 3.0))
     axes = figure.subplots()
     colours = axes.imshow(shown, cmap="RdBu_r", vmin=-1, vmax=1)
     axes.set_facecolor("white")
     rows, columns = (names[1:], names[:-1]) if k > 1 else (names, names)
     font = min(NORMAL, max(4.0, 19 * cell))
-    axes.set_xticks(range(len(columns)), columns, rotation=90 if k > 5 else 0, fontsize=max(font, 5.5))
+    axes.set_xticks(range(len(columns)), columns, rotation=90 if turned else 0, fontsize=max(font, 5.5))
     axes.set_yticks(range(len(rows)), rows, fontsize=max(font, 5.5))
     axes.tick_params(length=0, colors=INK)
     for side in axes.spines.values():

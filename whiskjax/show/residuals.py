@@ -9,6 +9,7 @@ from ..estimate.calibrate import Calibration
 from ..flights.flight import Flight, Image
 
 STAGES = ("before", "after")
+FEW = 4  # below so many points an image has no pattern and no statistics of its own
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +34,11 @@ class Residuals:
 
     def __len__(self) -> int:
         return len(self.image)
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The roles that there are, "control" first."""
+        return ("control",) * bool(self.is_control.any()) + ("check",) * bool((~self.is_control).any())
 
     @property
     def axes(self) -> tuple[str, str]:

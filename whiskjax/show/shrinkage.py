@@ -16,8 +16,12 @@ def draw_shrinkage(summary: Summary) -> Drawing:
     font = NORMAL if k <= 20 else SMALL - 0.5
     figure = new_figure(1.3 + 0.27 * max(k, 3))
     left, right, words = figure.subplots(1, 3, sharey=True, width_ratios=[1.2, 0.8, 0.85])
-    away = [p["from_prior_sigmas"] for p in parameters if p["from_prior_sigmas"] is not None]
-    reach = max(2.2, 1.15 * max((abs(z) for z in away), default=0.0))
+    ends = [
+        abs(p["from_prior_sigmas"]) + p["sigma"] / p["prior_sigma"]
+        for p in parameters
+        if p["from_prior_sigmas"] is not None and p["sigma"] is not None
+    ]
+    reach = max(2.2, 1.1 * max(ends, default=0.0))
     ratios = [_ratio(p) for p in parameters]
     furthest = max((r for r in ratios if r is not None), default=10.0)
     for row, (p, ratio) in enumerate(zip(parameters, ratios, strict=True)):

@@ -21,6 +21,7 @@ HALF_WEIGHT = 0.5
 STRONG = 0.9
 PRIOR_ONLY = 0.05
 _LARGEST = 5
+_UNLIKELY = 1e-4
 
 Summary = dict[str, Any]
 
@@ -219,8 +220,17 @@ def _verdict(is_sound: bool, data: Summary) -> Summary:
     else:
         times = f"the residuals are {fit['sigma_factor']:.2f} times as large as their sigmas say"
         chance = f"(probability of more by chance: {probability(fit['tail_probability'])})"
-        reasons.append(f"{times}, {'which is consistent' if fit['is_consistent'] else 'more than chance explains'} {chance}")
+        if not fit["is_consistent"]:
+            reasons.append(f"{times}, more than chance explains {chance}")
+        elif fit["tail_probability"] > 1 - _UNLIKELY:
+            reasons.append(f"{times}: the sigmas given are too large, and so are those of the result")
+        else:
+            reasons.append(f"{times}, which is consistent {chance}")
     cautions = []
+    if determined["null_space_of_data"] and determined["is_determined"]:
+        together = list(dict.fromkeys(name for direction in determined["null_space_of_data"] for name in direction))
+        rank = f"the data alone determine {determined['rank_of_data']} of {k} unknowns"
+        cautions.append(f"{rank}; what is left open moves {', '.join(together)} together, and there only priors speak")
     if determined["fixed_by_prior"]:
         held = determined["fixed_by_prior"]
         cautions.append(

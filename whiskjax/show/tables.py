@@ -1,10 +1,12 @@
 """Tables of a summary, for the terminal and for the report: the same words and the same digits in both."""
 
 import math
+import statistics
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..rules import import_extra
+from .residuals import FEW
 from .summary import PRIOR_ONLY, Summary
 
 IMAGES_SHOWN = 12
@@ -94,15 +96,23 @@ def _by_place(rows: Sequence[Summary]) -> dict[tuple[Any, str, str], dict[str, S
 
 
 def shown_images(summary: Summary, limit: int = IMAGES_SHOWN) -> list[str]:
-    """The images a table has room for: all, or those with the largest residuals after, in the flight's order."""
+    """The images a table has room for, in the flight's order: all, or those with the largest residuals after.
+
+    None where there are many and most have too few points for statistics of their own.
+    """
+    count: dict[str, int] = {}
     square: dict[str, float] = {}
     for row in summary["residuals"]:
         if row["image"] is not None and row["stage"] == "after":
-            square.setdefault(row["image"], 0.0)
-            square[row["image"]] = max(square[row["image"]], math.inf if row["rms_px"] is None else row["rms_px"])
-    names = list(square)
-    keep = set(sorted(names, key=lambda name: -square[name])[:limit])
-    return [name for name in names if name in keep]
+            name, rms = row["image"], math.inf if row["rms_px"] is None else row["rms_px"]
+            count[name] = count.get(name, 0) + row["n"]
+            square[name] = square.get(name, 0.0) + row["n"] * rms**2
+    if len(count) <= limit:
+        return list(count)
+    if statistics.median(count.values()) < 2 * FEW:  # each point counts on both axes
+        return []
+    keep = set(sorted(count, key=lambda name: -square[name] / count[name])[:limit])
+    return [name for name in count if name in keep]
 
 
 def residuals(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
@@ -131,6 +141,8 @@ def residuals(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
         breaks.append(len(rows) - 1)
     names = dict.fromkeys((row["axis"], row["axis_name"]) for row in summary["residuals"])
     left = f" {len(chosen)} of {total} images shown, those with the largest residuals; all are in statistics.csv."
+    if not chosen:
+        left = f" The {total} images have few points each; their own statistics are in statistics.csv."
     return Table(
         "Residuals (px), measured − projected",
         ("image", "role", "n", "axis", "before: mean", "before: std", "before: max", "after: mean", "after: std", "after: max"),

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..rules import import_extra
-from .residuals import Residuals
+from .residuals import FEW, Residuals
 from .style import COLOUR, INK, MARKER, MUTED, NORMAL, Drawing, dress, new_figure, robust_limit
-from .vectors import FEW, choice
+from .vectors import choice
 
 _PANELS = 6
 _MOST_BINS, _FEWEST_POINTS = 14, 12
@@ -60,7 +60,7 @@ def draw_trends(residuals: Residuals) -> Drawing:
                 axes.set_ylabel(f"{axis} residual, {residuals.axes[k]} (px)")
             axes.locator_params(axis="x", nbins=3 if len(columns) > 3 else 7)
             dress(axes, grid="none")
-    _legend(figure)
+    _legend(figure, residuals.roles)
     caption = (
         f"Residuals after the calibration {over.rstrip('.')}. Grey band: one sigma of the measurements; black: means of "
         "neighbouring points with two standard errors. Where the means leave zero, the model lacks something."
@@ -99,12 +99,11 @@ def _panel(axes: Any, residuals: Residuals, column: _Column, k: int, limit: floa
     return int((~(np.abs(after[column.here]) <= limit)).sum())
 
 
-def _legend(figure: Any) -> None:
+def _legend(figure: Any, roles: tuple[str, ...]) -> None:
     """Roles and the mean, above the panels."""
     line = import_extra("matplotlib.lines", "plots").Line2D
     handles = [
-        line([], [], marker=MARKER[role], color=COLOUR[role], linestyle="none", markersize=4.5, label=role)
-        for role in ("control", "check")
+        line([], [], marker=MARKER[role], color=COLOUR[role], linestyle="none", markersize=4.5, label=role) for role in roles
     ]
     handles.append(line([], [], color=INK, linewidth=1.1, label="mean ± 2 standard errors"))
     figure.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=NORMAL, frameon=False, handletextpad=0.4)

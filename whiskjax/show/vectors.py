@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from .residuals import STAGES, Residuals
+from .residuals import FEW, STAGES, Residuals
 from .style import COLOUR, INK, MARKER, MUTED, NORMAL, SMALL, TITLE, Drawing, dress, new_figure, robust_limit, round_number
 
 _STRIPS, _FRAMES = 6, 3  # images that fit beside each other as tall strips, or below each other as frames
-FEW = 4  # below so many points an image has no pattern of its own
 _CELLS = 14, 9
 _CROWDED = 400
 _ARROW_INCH = {"tall": 0.42, "wide": 0.5}
@@ -50,21 +49,22 @@ def _arrows(axes: Any, place: np.ndarray, vector: np.ndarray, scale: float, colo
     )  # fmt: skip
 
 
-def _strip(axes: Any, stage: str, scale: float, arrow_inch: float, width_inch: float, pooled: bool = False) -> None:
+def _strip(axes: Any, stage: str, scale: float, arrow_inch: float, width_inch: float, roles: tuple[str, ...]) -> None:
     """A line above the panels: the stage, what the colours mean, and an arrow of known length in the panels' own scale."""
     axes.set_axis_off()
     axes.set_xlim(0, width_inch)
     axes.set_ylim(0, 1)
     axes.text(0.02, 0.5, stage, fontsize=TITLE, fontweight="bold", va="center", color=INK)
-    if not pooled:
-        for x, role in ((0.75, "control"), (1.55, "check")):
-            axes.plot([x], [0.5], MARKER[role], color=COLOUR[role], markersize=4.5, linestyle="none")
-            axes.text(x + 0.1, 0.5, role, fontsize=NORMAL, va="center", color=INK)
+    x = 0.75
+    for role in roles:
+        axes.plot([x], [0.5], MARKER[role], color=COLOUR[role], markersize=4.5, linestyle="none")
+        axes.text(x + 0.1, 0.5, role, fontsize=NORMAL, va="center", color=INK)
+        x += 0.8
     length = round_number(1.5 * arrow_inch * scale)
     axes.quiver(
-        [2.4], [0.5], [length], [0.0], angles="uv", units="inches", scale_units="inches", scale=scale, width=0.02, color=INK
+        [x], [0.5], [length], [0.0], angles="uv", units="inches", scale_units="inches", scale=scale, width=0.02, color=INK
     )
-    axes.text(2.4 + length / scale + 0.08, 0.5, f"{length:g} px", fontsize=NORMAL, va="center", color=INK)
+    axes.text(x + length / scale + 0.08, 0.5, f"{length:g} px", fontsize=NORMAL, va="center", color=INK)
 
 
 def _scale(residuals: Residuals, stage: str, kind: str) -> float:
@@ -74,12 +74,13 @@ def _scale(residuals: Residuals, stage: str, kind: str) -> float:
     return max(float(np.quantile(length, 0.95)) if len(length) else 1.0, 1e-12) / _ARROW_INCH[kind]
 
 
-def _panel(axes: Any, residuals: Residuals, image: int, stage: str, scale: float) -> None:
-    for role in ("check", "control"):
-        here = np.flatnonzero((residuals.image == image) & (residuals.is_control == (role == "control")))
-        if len(here) == 0:
+def _panel(axes: Any, residuals: Residuals, here: np.ndarray, stage: str, scale: float) -> None:
+    """An arrow for each observation."""
+    for role in residuals.roles[::-1]:
+        chosen = here & (residuals.is_control == (role == "control"))
+        if not chosen.any():
             continue
-        place, vector = residuals.place_px[here], residuals.stage(stage)[here]
+        place, vector = residuals.place_px[chosen], residuals.stage(stage)[chosen]
         axes.plot(*place.T, MARKER[role], color=COLOUR[role], markersize=2.6, linestyle="none", zorder=2)
         _arrows(axes, place, vector, scale, COLOUR[role])
 
@@ -114,11 +115,11 @@ def _draw_tall(residuals: Residuals, chosen: list[int]) -> Drawing:
     grid = figure.add_gridspec(4, len(chosen), height_ratios=[0.09, 1, 0.09, 1])
     for row, stage in enumerate(STAGES):
         scale = _scale(residuals, stage, "tall")
-        _strip(figure.add_subplot(grid[2 * row, :]), stage, scale, _ARROW_INCH["tall"], 9.3)
+        _strip(figure.add_subplot(grid[2 * row, :]), stage, scale, _ARROW_INCH["tall"], 9.3, residuals.roles)
         for column, image in enumerate(chosen):
             axes = figure.add_subplot(grid[2 * row + 1, column])
             _frame(axes, residuals)
-            _panel(axes, residuals, image, stage, scale)
+            _panel(axes, residuals, residuals.image == image, stage, scale)
             axes.set_title(residuals.images[image].name)
             axes.set_xlabel(f"{residuals.axes[0]} (px)")
             axes.locator_params(axis="x", nbins=3)
@@ -139,19 +140,24 @@ def _draw_wide(residuals: Residuals, chosen: list[int]) -> Drawing:
     height = min(max(4.1 * aspect, 1.6), 4.6)
     figure = new_figure(0.4 + len(rows) * (height + 0.65))
     grid = figure.add_gridspec(1 + len(rows), 2, height_ratios=[0.3] + [height + 0.55] * len(rows))
-    cells = pooled and len(residuals) > _CROWDED
+    everyone = np.ones(len(residuals), dtype=bool)
+    shown = [(image, everyone if image is None else residuals.image == image) for image in rows]
+    averaged = [bool(here.sum() > _CROWDED) for _, here in shown]
     for column, stage in enumerate(STAGES):
         scale = _scale(residuals, stage, "wide")
-        _strip(figure.add_subplot(grid[0, column]), stage, scale, _ARROW_INCH["wide"], 4.6, pooled=cells and not chosen)
-        for row, image in enumerate(rows):
+        _strip(
+            figure.add_subplot(grid[0, column]), stage, scale, _ARROW_INCH["wide"], 4.6, () if all(averaged) else residuals.roles
+        )
+        for row, (image, here) in enumerate(shown):
             axes = figure.add_subplot(grid[1 + row, column])
             _frame(axes, residuals)
-            if image is None:
-                _pooled(axes, residuals, stage, scale, cells)
-                axes.set_title(f"all {len(residuals.images)} images" + (": mean of each cell" if cells else ""))
+            title = f"all {len(residuals.images)} images" if image is None else residuals.images[image].name
+            if averaged[row]:
+                _cells(axes, residuals, here, stage, scale)
+                title += ": mean of each cell"
             else:
-                _panel(axes, residuals, image, stage, scale)
-                axes.set_title(residuals.images[image].name)
+                _panel(axes, residuals, here, stage, scale)
+            axes.set_title(title)
             axes.set_xlabel(f"{residuals.axes[0]} (px)")
             axes.set_ylabel(f"{residuals.axes[1]} (px)" if column == 0 else "")
             axes.tick_params(labelleft=column == 0)
@@ -161,15 +167,14 @@ def _draw_wide(residuals: Residuals, chosen: list[int]) -> Drawing:
             dress(axes, grid="none")
     caption = _CAPTION
     if pooled:
-        caption += " The first row pools all images" + (", averaged in cells of the frame." if cells else ".")
+        caption += " The first row pools all images."
+    if any(averaged):
+        caption += " Where there are many points, black arrows are means over cells of the image."
     return Drawing("residual_vectors", "Residual vectors", caption + (choice(residuals, chosen) if chosen else ""), figure)
 
 
-def _pooled(axes: Any, residuals: Residuals, stage: str, scale: float, cells: bool) -> None:
-    if not cells:
-        for image in range(len(residuals.images)):
-            _panel(axes, residuals, image, stage, scale)
-        return
+def _cells(axes: Any, residuals: Residuals, chosen: np.ndarray, stage: str, scale: float) -> None:
+    """The mean arrow of each cell of the image that has three points or more."""
     place, vector = [], []
     limits = _limits(residuals)
     index = [
@@ -177,8 +182,8 @@ def _pooled(axes: Any, residuals: Residuals, stage: str, scale: float, cells: bo
         for k, ((low, high), n) in enumerate(zip(limits, _CELLS, strict=True))
     ]
     cell = index[0] * _CELLS[1] + index[1]
-    for c in np.unique(cell):
-        here = cell == c
+    for c in np.unique(cell[chosen]):
+        here = chosen & (cell == c)
         if here.sum() >= 3:
             place.append(residuals.place_px[here].mean(axis=0))
             vector.append(residuals.stage(stage)[here].mean(axis=0))
