@@ -10,6 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..chain.camera import parameter
+
 
 class AbstractLoss(eqx.Module):
     """A robust loss of the whitened squared length z of one observation's residual."""
@@ -26,7 +28,7 @@ class AbstractLoss(eqx.Module):
 class Huber(AbstractLoss):
     """Quadratic up to `bound` sigmas (of the two-dimensional residual), linear beyond (Huber 1964)."""
 
-    bound: float = 2.5
+    bound: Float[Array, ""] | float = eqx.field(default=2.5, converter=parameter)
 
     def factor(self, z):
         """sqrt(2 k s - k^2) / s beyond the bound."""
@@ -43,7 +45,7 @@ class Huber(AbstractLoss):
 class Cauchy(AbstractLoss):
     """Logarithmic: a blunder's pull vanishes as 1/s; for gross errors of many sigmas. Needs a start near the solution."""
 
-    bound: float = 2.5
+    bound: Float[Array, ""] | float = eqx.field(default=2.5, converter=parameter)
 
     def factor(self, z):
         """sqrt(log(1 + z/c^2) / (z/c^2)), its series near zero."""
