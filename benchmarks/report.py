@@ -17,7 +17,7 @@ COLUMNS = ("benchmark", "peer", "asked", "reached", "median", "wall", "baseline"
 
 def figure(value: float | None, unit: str) -> str:
     """A ratio or seconds with three digits; a dash where there is none."""
-    return "-" if value is None else f"{value:.2f}{unit}"
+    return "-" if value is None or value != value else f"{value:.2f}{' ' * (unit == 's')}{unit}"
 
 
 def duration(seconds: float | None, items: int) -> str:
@@ -35,7 +35,7 @@ def verdict(benchmark: Benchmark, measured: Measured | str, baseline: float | No
     """Empty where the gate lets it pass, otherwise why it does not."""
     if isinstance(measured, str):
         return measured
-    if not measured.reached <= benchmark.asked:  # NaN fails too
+    if benchmark.asked is not None and not measured.reached <= benchmark.asked:  # NaN fails too
         return "slower than asked"
     if baseline is not None and not measured.reached <= MARGIN * baseline:
         return f"more than {MARGIN:g} times the baseline"
@@ -53,14 +53,14 @@ def table(rows: list[tuple[Benchmark, Measured | str]], baseline: dict[str, floa
             (
                 benchmark.name,
                 benchmark.peer,
-                f"<= {figure(benchmark.asked, benchmark.unit)}",
-                "-" if isinstance(measured, str) else figure(found.reached, benchmark.unit),
+                "-" if benchmark.asked is None else f"<= {figure(benchmark.asked, benchmark.unit)}",
+                figure(found.reached, benchmark.unit),
                 figure(found.median, benchmark.unit),
                 figure(found.wall, benchmark.unit),
                 figure(known, benchmark.unit),
                 duration(found.ours_s, found.items),
                 duration(found.peer_s, found.items),
-                figure(found.compile_s, " s"),
+                figure(found.compile_s, "s"),
                 "  ".join(filter(None, [f"FAILED: {failure}" if failure else "ok", found.note])),
             )
         )

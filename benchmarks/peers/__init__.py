@@ -67,9 +67,7 @@ class _Observations(ctypes.Structure):
 def _pointer(array: np.ndarray, shape: tuple[int, ...], kind=c_double):
     """A pointer to an array that already has the layout C++ reads."""
     if array.shape != shape or array.dtype != np.dtype(kind) or not array.flags.c_contiguous:
-        raise ValueError(
-            f"expected a contiguous {np.dtype(kind)} array of shape {shape}, got {array.dtype} {array.shape}"
-        )
+        raise ValueError(f"expected a contiguous {np.dtype(kind)} array of shape {shape}, got {array.dtype} {array.shape}")
     return array.ctypes.data_as(POINTER(kind))
 
 
@@ -177,9 +175,7 @@ def image_to_ground(flight: Flight, time_s: np.ndarray, sample_px: np.ndarray, h
     return point_m
 
 
-def ground_to_image(
-    flight: Flight, point_m: np.ndarray, window_s: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def ground_to_image(flight: Flight, point_m: np.ndarray, window_s: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """When points passed the detector line within a window of time, and at which sample.
 
     **Arguments**: point_m (n, 3) ECEF. **Returns**: time_s (n,) and sample_px (n,), NaN where the point was not seen.

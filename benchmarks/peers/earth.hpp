@@ -19,19 +19,20 @@ struct Height {
     Vec3 up;  // the unit normal of the ellipsoid below the point: the gradient of the height
 };
 
-// Geodetic height by one step of Bowring's formula, in sines and cosines only: below 1e-9 m for terrestrial heights.
+// Geodetic height by one pass of Bowring's formula, without angles and without a root of p: the cosine of the latitude is
+// p * out and its sine z * north, where out and north depend on p^2 and z^2. Exact to rounding for terrestrial heights.
 inline Height geodetic_height(const Vec3& point) {
-    const double p = std::sqrt(point.x * point.x + point.y * point.y);
-    const double u = wgs84::b * p, v = wgs84::a * point.z;  // reduced latitude: atan2(v, u)
-    const double scale = 1 / std::sqrt(u * u + v * v);
-    const double cos_beta = u * scale, sin_beta = v * scale;
-    const double north = point.z + wgs84::ep2 * wgs84::b * sin_beta * sin_beta * sin_beta;
-    const double out = p - wgs84::e2 * wgs84::a * cos_beta * cos_beta * cos_beta;
-    const double length = 1 / std::sqrt(north * north + out * out);
-    const double sin_lat = north * length, cos_lat = out * length;
-    const double height = p * cos_lat + point.z * sin_lat - wgs84::a * std::sqrt(1 - wgs84::e2 * sin_lat * sin_lat);
-    const double per_p = cos_lat / p;
-    return {height, {point.x * per_p, point.y * per_p, sin_lat}};
+    using namespace wgs84;
+    const double pp = point.x * point.x + point.y * point.y, zz = point.z * point.z;
+    const double w = 1 / std::sqrt(b * b * pp + a * a * zz);
+    const double www = w * w * w;
+    double out = 1 - e2 * a * b * b * b * (pp * www);
+    double north = 1 + ep2 * b * a * a * a * (zz * www);
+    const double length = 1 / std::sqrt(pp * out * out + zz * north * north);
+    out *= length;
+    north *= length;
+    const double height = pp * out + zz * north - a * std::sqrt(1 - e2 * zz * north * north);
+    return {height, {point.x * out, point.y * out, point.z * north}};
 }
 
 // First point of the ray whose geodetic height is height_m, seen from above; NaN where the ray misses.
