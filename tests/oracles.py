@@ -52,9 +52,9 @@ def about(axis, angle_rad):
     return Rotation.from_rotvec(np.multiply.outer(np.asarray(angle_rad), np.eye(3)["xyz".index(axis)]))
 
 
-def components(array):
-    """The components along the last axis, as numpy arrays."""
-    return tuple(np.moveaxis(np.asarray(array), -1, 0))
+def split(array):
+    """The components along the last axis, of an array of any kind (a tracer, too)."""
+    return tuple(array[..., i] for i in range(array.shape[-1]))
 
 
 def array(components):

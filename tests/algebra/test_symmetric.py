@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.derivatives import assert_derivatives
-from tests.oracles import array, components, matrix
+from tests.oracles import array, matrix, split
 from whiskjax.algebra.symmetric import solve3
 
 
@@ -24,7 +24,7 @@ def upper(a):
 @pytest.mark.parametrize("condition", [1.0, 1e4, 1e8])
 def test_solution_and_inverse_agree_with_numpy(shape, condition):
     a, b = problems(shape, condition)
-    solution, inverse = solve3(upper(a), components(b))
+    solution, inverse = solve3(upper(a), split(b))
     relative = 1e-14 * condition
     expected = np.linalg.solve(a, b[..., None])[..., 0]
     np.testing.assert_allclose(array(solution), expected, rtol=0, atol=relative * np.abs(expected).max())

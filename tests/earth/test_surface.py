@@ -159,7 +159,7 @@ def test_one_height_a_ray_agrees_with_a_loop(shape):
     rng = np.random.default_rng(6)
     lat, lon, height = rng.uniform(-1.5, 1.5, shape), rng.uniform(-3, 3, shape), rng.uniform(0, 2000, shape)
     origin, direction = look(lat, lon, 5000.0, rng.uniform(0, 1.4, shape), rng.uniform(-3, 3, shape))
-    point, result = wj.HeightSurface(height).intersect(oracles.components(origin), oracles.components(direction))
+    point, result = wj.HeightSurface(height).intersect(oracles.split(origin), oracles.split(direction))
     point = oracles.array(point)
     assert is_successful(result).shape == shape
     for i in np.ndindex(shape):

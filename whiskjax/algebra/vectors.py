@@ -139,7 +139,7 @@ def columns(f: Callable[..., Any], at: Sequence[Component], like: Component | No
     """Derivative of f(*components) -> tuple, one forward-mode column a component.
 
     `at` may hold structural zeros: the derivative is taken there without computing with them, so that products with zero
-    never reach XLA. Entries of a column on which the component does not act come back as structural zeros.
+    never reach XLA. An output that is structural itself has structural zeros as its derivative.
 
     **Arguments:**
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from ..algebra.vectors import Component
 from ..rules import RESULTS, WhiskjaxError
 from ..rules.results import choose
+from .chosen_camera import ChosenCamera
 from .link import AbstractLink
 from .pose import Pose
 from .shot import KEYS, Shot
@@ -41,14 +42,17 @@ class By(AbstractLink):
         return self.options[self.names.index(name)]
 
     def _key_of(self, shot: Shot) -> Any:
-        value = getattr(shot, self.key)
-        if value is None:
-            raise WhiskjaxError(f"the shot has no {self.key}, which tells {' and '.join(self.names)} apart: Shot({self.key}=...)")
+        value = shot.need(self.key, f"which tells {' and '.join(self.names)} apart")
         if isinstance(value, int) and not 0 <= value < len(self.options):
             raise WhiskjaxError(
                 f"{self.key} {value} does not exist; there are 0 to {len(self.options) - 1} ({', '.join(self.names)})"
             )
         return value
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the options are cameras of lines."""
+        return self.options[0].is_line
 
     def chosen(self, shot: Shot) -> Any:
         """The one option that acts where all shots share the key, else this link itself."""
@@ -67,13 +71,7 @@ class By(AbstractLink):
         key = self._key_of(shot)
         if isinstance(key, int):
             return self.options[key].at(shot)
-        cameras = [option.at(shot) for option in self.options]
-        if len({jax.tree.structure(c) for c in cameras}) > 1:
-            raise WhiskjaxError(
-                f"the cameras of the {self.key}s differ in kind, so they cannot be mixed in one batch: make one batch for each "
-                f"{self.key}, with a Python int as its key"
-            )
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves)[key], *cameras)
+        return ChosenCamera(key, tuple(option.at(shot) for option in self.options))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the key exists, and the option's own check."""

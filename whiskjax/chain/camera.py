@@ -5,7 +5,7 @@ along -z. Pixels are (sample or column, line or row).
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -34,7 +34,10 @@ def positive_focal(focal_px: Any) -> None:
 class AbstractCamera(eqx.Module):
     """Pixel <-> direction in the camera frame."""
 
-    is_line: eqx.AbstractClassVar[bool]
+    @property
+    @abc.abstractmethod
+    def is_line(self) -> bool:
+        """Whether the image is made of lines exposed one after the other."""
 
     @abc.abstractmethod
     def at(self, shot: Shot) -> "AbstractCamera":
@@ -85,9 +88,9 @@ class FrameCamera(AbstractCamera):
     - `principal_point_px`: column and row of the principal point in the flight's pixel coordinates.
     - `distortion`: (k1, k2, k3, p1, p2) or None.
     - `size_px`: columns and rows of the detector, or None where it does not matter.
+    - `per_image`: `focal_px` holds one number for each image; the shot's image picks it.
     """
 
-    is_line: ClassVar[bool] = False
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_point_px: Float[Array, "*batch 2"] = eqx.field(converter=parameter)
     distortion: Float[Array, "*batch 5"] | None = eqx.field(default=None, converter=parameter)
@@ -97,13 +100,21 @@ class FrameCamera(AbstractCamera):
     def __check_init__(self):
         positive_focal(self.focal_px)
 
+    @property
+    def is_line(self) -> bool:
+        """No: all at once."""
+        return False
+
     def at(self, shot: Shot) -> "FrameCamera":
         """With the focal length of each shot's image, where there is one for each image."""
         if not self.per_image:
             return self
-        if shot.image is None:
-            raise WhiskjaxError("the focal length differs per image, but the shot has no image: Shot(image=...)")
-        return FrameCamera(self.focal_px[shot.image], self.principal_point_px, self.distortion, self.size_px)
+        return FrameCamera(
+            self.focal_px[shot.need("image", "but the focal length differs per image")],
+            self.principal_point_px,
+            self.distortion,
+            self.size_px,
+        )
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the image has a focal length, where there is one for each image."""
@@ -166,12 +177,26 @@ class FrameCamera(AbstractCamera):
         return u, -v, -1
 
     def _unfolded(self, u: Component, v: Component) -> Bool[Array, "..."] | bool:
-        """Inside the radius where the distorted radius still grows, beyond which the model images points twice."""
+        """Inside the radius up to which the distorted radius grows; beyond it the model images points a second time.
+
+        The slope 1 + 3 k1 x + 5 k2 x^2 + 7 k3 x^3, x = r^2, must be positive from the centre outwards: at x, and at its extrema
+        on the way, the roots of 3 k1 + 10 k2 x + 21 k3 x^2.
+        """
         if self.distortion is None:
             return True
         k1, k2, k3 = (self.distortion[..., i] for i in range(3))
         r2 = u * u + v * v
-        return 1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) > 0
+
+        def grows(x):
+            return 1 + x * (3 * k1 + x * (5 * k2 + x * 7 * k3)) > 0
+
+        def on_the_way(above, below):
+            x = above / jnp.where(below == 0, 1.0, below)
+            return jnp.clip(jnp.where(below == 0, 0.0, x), 0.0, r2)
+
+        discriminant = 25 * k2 * k2 - 63 * k1 * k3
+        q = -(5 * k2 + jnp.where(k2 < 0, -1.0, 1.0) * jnp.sqrt(jnp.maximum(discriminant, 0.0)))
+        return grows(r2) & ((discriminant < 0) | (grows(on_the_way(q, 21 * k3)) & grows(on_the_way(3 * k1, q))))
 
     def check_direction(self, q: Vec3) -> RESULTS:
         """In front of the camera, and inside the invertible radius."""

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
 from ..rules import RESULTS, WhiskjaxError
 from ..rules.results import choose
+from .camera import parameter
 from .link import AbstractLink
 from .pose import Pose
 from .rotations import rotation_from_vector
@@ -145,8 +146,8 @@ class Correction(AbstractLink):
     """
 
     basis: AbstractBasis
-    turn_rad: Float[Array, "k 3"] | None = None
-    shift_m: Float[Array, "k 3"] | None = None
+    turn_rad: Float[Array, "k 3"] | None = eqx.field(default=None, converter=parameter)
+    shift_m: Float[Array, "k 3"] | None = eqx.field(default=None, converter=parameter)
 
     def __check_init__(self):
         for name, c in (("turn_rad", self.turn_rad), ("shift_m", self.shift_m)):
@@ -159,10 +160,10 @@ class Correction(AbstractLink):
 
     def pose(self, shot: Shot) -> Pose:
         """The correction at each shot's time."""
-        t = shot.time_s
+        t = shot.need("time_s", "which a correction needs")
         rotation = IDENTITY if self.turn_rad is None else rotation_from_vector(self._sum(self.turn_rad, t))
         return Pose(rotation, ZERO if self.shift_m is None else self._sum(self.shift_m, t))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the basis reaches the shot's time."""
-        return self.basis.check(shot.time_s)
+        return self.basis.check(shot.need("time_s", "which a correction needs"))

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, unstack
+from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, total, unstack
 from ..earth.surface import AbstractSurface
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
@@ -61,6 +61,11 @@ def image(sensor: Sensor, shot: Shot, point: Vec3) -> Vec2:
     return sensor.camera_at(shot).pixel(into_camera(sensor, shot, point))
 
 
+def finite(*components: Component) -> RESULTS:
+    """Whether all of these are numbers."""
+    return failure_if(~jnp.isfinite(total(0 * c for c in components)), RESULTS.nonfinite)
+
+
 def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "... n"]:
     """The components as an array, NaN where the result is not a success."""
     ok = is_successful(result)
@@ -79,7 +84,9 @@ def parts(value: Any, size: int, what: str) -> tuple[Float[Array, "..."], ...]:
 @eqx.filter_jit
 def _ray(sensor: Sensor, shot: Shot, pixel: Vec2) -> Ray:
     origin, direction = sight(sensor, shot, pixel)
-    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel))
+    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), finite(*origin, *direction))
+    one_each = 0 * direction[0]  # shots that many pixels share have one origin: give each pixel its own
+    origin = tuple(c + one_each for c in origin)
     return Ray(finish(origin, result), finish(scale(1 / norm(direction), direction), result), result)
 
 
@@ -106,8 +113,9 @@ def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, thro
 def _project(sensor: Sensor, shot: Shot, point: Vec3) -> Projection:
     camera = sensor.camera_at(shot)
     q = into_camera(sensor, shot, point)
-    result = first_failure(sensor.check(shot), camera.check_direction(q))
-    return Projection(finish(camera.pixel(q), result), result)
+    pixel = camera.pixel(q)
+    result = first_failure(sensor.check(shot), camera.check_direction(q), finite(*pixel))
+    return Projection(finish(pixel, result), result)
 
 
 def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, throw: bool = True) -> Projection:
@@ -136,9 +144,7 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, t
 def _image_to_ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractSurface) -> GroundPoint:
     origin, direction = sight(sensor, shot, pixel)
     point, hit = surface.intersect(origin, direction)
-    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), hit)
-    nonfinite = failure_if(~jnp.isfinite(point[0] + point[1] + point[2]), RESULTS.nonfinite)
-    result = first_failure(result, nonfinite)
+    result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), hit, finite(*point))
     return GroundPoint(finish(point, result), result)
 
 

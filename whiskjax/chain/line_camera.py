@@ -1,6 +1,6 @@
 """Line cameras: a detector line in the focal plane, or a table of looks."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,7 +33,6 @@ class LineCamera(AbstractCamera):
     - `samples_px`: first and last sample of the detector, or None where it does not matter.
     """
 
-    is_line: ClassVar[bool] = True
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_sample_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
     offset_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
@@ -48,6 +47,11 @@ class LineCamera(AbstractCamera):
         positive_focal(self.focal_px)
         if self.along not in ("x", "y"):
             raise WhiskjaxError(f"a detector line lies along x or y, not {self.along!r}")
+
+    @property
+    def is_line(self) -> bool:
+        """Yes."""
+        return True
 
     def at(self, shot: Shot) -> "LineCamera":
         """The same for every shot."""
@@ -111,11 +115,15 @@ class LineCamera(AbstractCamera):
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
         a, c = self._axes(q)
-        place = self.offset_px
+        f, place = self.focal_px, self.offset_px
         if self.deformation_px is not None:
-            place = place + self._deformation(self._sample(-self.along_sign * self.focal_px * a / q[2]))[1]
+            # The sample that will image the point does not change while the camera turns about the line: it follows from the
+            # distance to the line, which stays finite where q_z does not.
+            distance = norm((c, q[2]))
+            for _ in range(4):
+                s = self._sample(self.along_sign * a * norm((f, place)) / distance)
+                place = self.offset_px + self._deformation(s)[1]
         # The line's plane contains (c, z) = (place, -f): sine and cosine of the angle around the line, up to one factor.
-        f = self.focal_px
         sine, cosine = c * f + q[2] * place, c * place - q[2] * f
         return self.across_sign * sine / (norm((sine, cosine)) + cosine)
 
@@ -132,7 +140,6 @@ class LookTable(AbstractCamera):
     - `direction`: (n, 3) in the camera frame (looking along -z), any length.
     """
 
-    is_line: ClassVar[bool] = True
     sample_px: Float[Array, " n"]
     slope: Float[Array, "n 2"]  # image point at focal length 1: (-x/z, -y/z)
 
@@ -149,6 +156,11 @@ class LookTable(AbstractCamera):
         if not (np.diff(slope @ chord) > 0).all():
             raise WhiskjaxError("the looks of a look table must advance along the detector from sample to sample")
         self.sample_px, self.slope = jnp.asarray(sample), jnp.asarray(slope)
+
+    @property
+    def is_line(self) -> bool:
+        """Yes."""
+        return True
 
     def at(self, shot: Shot) -> "LookTable":
         """The same for every shot."""

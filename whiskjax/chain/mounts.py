@@ -1,5 +1,6 @@
 """Constant links: a mount with lever arm and small angles, and a signed permutation of axes."""
 
+import re
 from typing import Any
 
 import equinox as eqx
@@ -63,7 +64,7 @@ class Axes(AbstractLink):
 
     def __check_init__(self):
         words = self.axes.split()
-        if len(words) != 3 or sorted(w.lstrip("+-") for w in words) != ["x", "y", "z"]:
+        if not all(re.fullmatch("[+-]?[xyz]", w) for w in words) or sorted(w[-1] for w in words) != ["x", "y", "z"]:
             raise WhiskjaxError(f"axes are three signed names, as 'x -y -z', not {self.axes!r}")
         if np.linalg.det(np.array(self._rotation(), dtype=float)) < 0:
             raise WhiskjaxError(f"axes {self.axes!r} are left-handed: one sign is wrong")

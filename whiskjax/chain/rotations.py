@@ -29,15 +29,19 @@ def check_order(order: str) -> str:
 
 
 def angles_from_rotation(rotation: Mat3, order: str) -> Vec3:
-    """The angles whose product in the given order is this rotation; the middle one lies in [-pi/2, pi/2]."""
+    """The angles whose product in the given order is this rotation; the middle one lies in [-pi/2, pi/2].
+
+    The last angle is that of what is left when the first turn is undone, so the three stay a decomposition of the rotation where
+    the middle one is a right angle and the outer two are not unique.
+    """
     i, j, k = (_AXES.index(axis) for axis in check_order(order))
     sign = 1 if (j - i) % 3 == 1 else -1
     r = rotation
-    return (
-        jnp.arctan2(-sign * r[j][k], r[k][k]),
-        jnp.arcsin(jnp.clip(sign * r[i][k], -1.0, 1.0)),
-        jnp.arctan2(-sign * r[i][j], r[i][i]),
-    )
+    first = jnp.arctan2(-sign * r[j][k], r[k][k])
+    s, c = sincos(first)
+    left = tuple(c * a + sign * s * b for a, b in zip(r[j], r[k], strict=True))
+    middle = jnp.arctan2(sign * r[i][k], jnp.hypot(r[j][k], r[k][k]))
+    return first, middle, jnp.arctan2(sign * left[i], left[j])
 
 
 def rotation_from_quaternion(q: Quaternion) -> Mat3:

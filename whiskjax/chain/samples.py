@@ -7,12 +7,19 @@ from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
 from ..rules import WhiskjaxError
 
 
-def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """Normalised and sign-continuous: q and -q are one attitude, and each sample takes the sign nearer to the one before."""
+def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> Float[np.ndarray, "n 4"]:
+    """Normalised.
+
+    **Raises:** `WhiskjaxError`, beginning with `whose` and the row, where a quaternion is nowhere near unit length.
+    """
     length = np.linalg.norm(quaternion_xyzw, axis=-1, keepdims=True)
     if not (length > 0.5).all():
-        raise WhiskjaxError(f"trajectory: the quaternion of sample {int(np.argmin(length))} has length {length.min():.3g}, not 1")
-    q = quaternion_xyzw / length
+        raise WhiskjaxError(f"{whose} {int(np.argmin(length))} has length {length.min():.3g}, not 1")
+    return quaternion_xyzw / length
+
+
+def sign_continuous(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+    """The same attitudes, each quaternion with the sign nearer to the one before: q and -q are one attitude."""
     flips = np.einsum("ni,ni->n", q[1:], q[:-1]) < 0
     sign = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)])
     return q * sign[:, None]
@@ -86,6 +93,9 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
     lat, lon, height, roll, pitch, heading = (
         np.asarray(v, dtype=np.float64) for v in (lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad)
     )
+    if len({v.shape for v in (lat, lon, height, roll, pitch, heading)}) > 1:
+        shapes = ", ".join(str(v.shape) for v in (lat, lon, height, roll, pitch, heading))
+        raise WhiskjaxError(f"trajectory: latitude, longitude, height, roll, pitch and heading differ in shape: {shapes}")
     for name, value, limit in (
         ("latitude", lat, np.pi / 2),
         ("longitude", lon, 2 * np.pi),

@@ -12,13 +12,13 @@ from ..algebra.vectors import Component, Vec3
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import failure_if
 from .camera import AbstractCamera
-from .imaging import finish, into_camera, parts
+from .imaging import finish, finite, into_camera, parts
 from .sensor import Sensor
 from .shot import Shot
 
-# Bracketed secant steps. Each uses one evaluation of the chain; on the whiskbroom's 3 s swing of 100 deg, 3 leave 4e-4 px and 4
-# leave 2e-11 px (tests/chain/test_search.py counts them); one more is spent on the derivative.
-_STEPS = 5
+# Searching stops where the miss (tangent of half the angle beside the line) is this small, a few 1e-5 px; one Newton step with
+# the exact derivative then squares what is left.
+_CLOSE, _MOST_STEPS, _BISECT_EVERY = 1e-9, 80, 5
 
 
 class ImagePoint(NamedTuple):
@@ -37,38 +37,49 @@ def _miss(sensor: Sensor, shot: Shot, point: Vec3, t: Component) -> Component:
 def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component) -> tuple[Component, RESULTS]:
     """The time in [start, stop] when a point lies in the plane of the detector line, as components.
 
-    Safeguarded secant (regula falsi with the Anderson-Bjorck weight) inside a bracket: Newton cycles at the kinks of linearly
-    interpolated POS, bisection is slow. The derivative is implicit, one Newton step from the solution:
-    dt = -(d miss / d everything else) / (d miss / d t).
+    Safeguarded secant inside a bracket (regula falsi with the weight of Anderson and Bjorck 1973, and a bisection where five
+    steps have not halved the bracket): Newton cycles at the kinks of linearly interpolated POS, and a strip flown in turbulence
+    is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative is implicit, one
+    Newton step from the solution: dt = -(d miss / d everything else) / (d miss / d t).
     """
     fixed_sensor, fixed_shot, fixed_point = jax.lax.stop_gradient((sensor, shot, point))
 
     def miss(t):
         return _miss(fixed_sensor, fixed_shot, fixed_point, t)
 
-    # A batch shape that holds the point, the shot and the window.
+    # A batch shape that holds the point and the window.
     zero = sum((jnp.zeros_like(c) for c in fixed_point), jnp.zeros(()))
-    a, b = start_s + zero, stop_s + zero
+    a, b = jax.lax.stop_gradient((start_s + zero, stop_s + zero))
     fa, fb = miss(a), miss(b)
     crossed = fa * fb <= 0
 
-    def step(_, state):
-        a, b, fa, fb = state
-        # a is the older end of the bracket, b the newest point.
+    def searching(state):
+        k, _, _, _, fb, _ = state
+        return (k < _MOST_STEPS) & jnp.any(crossed & (jnp.abs(fb) > _CLOSE))
+
+    def step(state):
+        k, a, b, fa, fb, width = state  # a and b enclose the solution, b is the newest
+        arrived = ~(jnp.abs(fb) > _CLOSE)
         slope = fb - fa
         t = b - fb * (b - a) / jnp.where(slope == 0, 1.0, slope)
-        ft = miss(t)
+        look_back = k % _BISECT_EVERY == _BISECT_EVERY - 1
+        t = jnp.where(look_back & (jnp.abs(b - a) > 0.5 * width), 0.5 * (a + b), t)
+        width = jnp.where(look_back, jnp.abs(b - a), width)
+        t = jnp.where(arrived, b, t)
+        ft = jnp.where(arrived, fb, miss(t))
         other_side = ft * fb <= 0
         m = 1 - ft / jnp.where(fb == 0, 1.0, fb)
         weight = jnp.where(m > 0, m, 0.5)
-        return jnp.where(other_side, b, a), t, jnp.where(other_side, fb, weight * fa), ft
+        a, fa = jnp.where(other_side, b, a), jnp.where(arrived, fa, jnp.where(other_side, fb, weight * fa))
+        return k + 1, a, t, fa, ft, width
 
-    _, t, _, _ = jax.lax.fori_loop(0, _STEPS, step, (a, b, fa, fb))
+    _, _, t, _, last, _ = jax.lax.while_loop(searching, step, (0, a, b, fa, fb, jnp.abs(b - a)))
     t = jax.lax.stop_gradient(t)
     value, rate = jax.jvp(lambda t: _miss(sensor, shot, point, t), (t,), (jnp.ones_like(t),))
     rate = jax.lax.stop_gradient(jnp.where(rate == 0, 1.0, rate))
     t = t - jnp.where(crossed, value / rate, 0.0)
-    return t, failure_if(~crossed, RESULTS.outside_swath)
+    lost = failure_if(~(jnp.abs(last) <= _CLOSE), RESULTS.not_converged)
+    return t, first_failure(failure_if(~crossed, RESULTS.outside_swath), lost)
 
 
 @eqx.filter_jit
@@ -84,7 +95,7 @@ def _ground_to_image(
     camera: AbstractCamera = sensor.camera_at(shot)
     q = into_camera(sensor, shot, point)
     pixel = camera.pixel(q)
-    result = first_failure(result, sensor.check(shot), camera.check_direction(q))
+    result = first_failure(result, sensor.check(shot), camera.check_direction(q), finite(*pixel))
     if clip:
         result = first_failure(result, failure_if(jnp.logical_not(camera.sees(pixel)), RESULTS.outside_swath))
     time = jnp.zeros_like(pixel[0]) if shot.time_s is None else shot.time_s + jnp.zeros_like(pixel[0])
@@ -119,7 +130,7 @@ def ground_to_image(
     has no window or a frame camera has one.
     """
     point = parts(point_m, 3, "ground_to_image")
-    is_line = _is_line(sensor)
+    is_line = sensor.is_line
     if is_line != (window_s is not None):
         raise WhiskjaxError(
             "a line camera needs the window of times to search: window_s=(start, stop)"
@@ -132,10 +143,3 @@ def ground_to_image(
     if throw:
         raise_failures(answer.result, "ground_to_image")
     return answer
-
-
-def _is_line(sensor: Sensor) -> bool:
-    camera = sensor.camera
-    while not isinstance(camera, AbstractCamera):
-        camera = camera.options[0]
-    return camera.is_line

@@ -50,12 +50,25 @@ class Sensor(eqx.Module):
         **Raises:** `WhiskjaxError` where two of them list different names, since one index could not mean both.
         """
         found: dict[str, tuple[str, ...]] = {}
-        for name, by in zip((*self.names, "camera"), (*self.links, self.camera), strict=True):
-            if isinstance(by, By) and found.setdefault(by.key, by.names) != by.names:
-                raise WhiskjaxError(
-                    f"{name}: the {by.key}s are {by.names}, but another link lists {found[by.key]}: use one order"
-                )
+
+        def visit(name: str, part: Any) -> None:
+            if isinstance(part, By):
+                if found.setdefault(part.key, part.names) != part.names:
+                    known = found[part.key]
+                    raise WhiskjaxError(
+                        f"{name}: the {part.key}s are {part.names}, but another link lists {known}: use one order"
+                    )
+                for option in part.options:
+                    visit(name, option)
+
+        for name, part in zip((*self.names, "camera"), (*self.links, self.camera), strict=True):
+            visit(name, part)
         return found
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the images are made of lines exposed one after the other."""
+        return self.camera.is_line
 
     def camera_at(self, shot: Shot) -> AbstractCamera:
         """The camera as it was at each shot."""

@@ -1,5 +1,6 @@
 """What identifies one exposure."""
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..rules import is_traced
+from ..rules import WhiskjaxError, is_traced
 from .pose import Pose
 
 KEYS = ("image", "swing", "view", "strip")
@@ -17,11 +18,13 @@ def _time(value: Any) -> Any:
     return value if value is None or is_traced(value) else jnp.asarray(value, dtype=float)
 
 
-def _key(value: Any) -> Any:
+def _key(name: str, value: Any) -> Any:
     if value is None or isinstance(value, int) or is_traced(value):
         return value
     if isinstance(value, np.integer):
         return int(value)
+    if np.asarray(value).dtype.kind not in "iu":
+        raise WhiskjaxError(f"the {name} of a shot is an index, a whole number, not {value!r}")
     return jnp.asarray(value, dtype=jnp.int32)
 
 
@@ -33,8 +36,18 @@ class Shot(eqx.Module):
     """
 
     time_s: Float[Array, "..."] | None = eqx.field(default=None, converter=_time)
-    image: Int[Array, "..."] | int | None = eqx.field(default=None, converter=_key)
-    swing: Int[Array, "..."] | int | None = eqx.field(default=None, converter=_key)
-    view: Int[Array, "..."] | int | None = eqx.field(default=None, converter=_key)
-    strip: Int[Array, "..."] | int | None = eqx.field(default=None, converter=_key)
+    image: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "image"))
+    swing: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "swing"))
+    view: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "view"))
+    strip: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "strip"))
     poses: tuple[Pose, ...] = ()  # filled by bake
+
+    def need(self, field: str, why: str) -> Any:
+        """The time or a key that somebody cannot do without.
+
+        **Raises:** `WhiskjaxError` naming it, and why, where the shot does not have it.
+        """
+        value = getattr(self, field)
+        if value is None:
+            raise WhiskjaxError(f"the shot has no {field}, {why}: Shot({field}=...)")
+        return value

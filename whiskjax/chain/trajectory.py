@@ -21,7 +21,7 @@ from .rotations import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from .samples import ecef_samples, relative_turns, unit_quaternions
+from .samples import ecef_samples, relative_turns, sign_continuous, unit_quaternions
 from .shot import Shot
 from .turn import as_parameter
 
@@ -79,7 +79,7 @@ class Trajectory(AbstractLink):
                 raise WhiskjaxError(
                     f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
                 )
-        quaternion = unit_quaternions(quaternion)
+        quaternion = sign_continuous(unit_quaternions(quaternion, "trajectory: the quaternion of sample"))
         self.position_m = unstack(jnp.asarray(position))
         self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))
         self.quaternion = unstack(jnp.asarray(quaternion))
@@ -123,7 +123,7 @@ class Trajectory(AbstractLink):
 
     def pose(self, shot: Shot) -> Pose:
         """The interpolated pose at each shot's time."""
-        t = add(shot.time_s, self.delay_s)
+        t = add(shot.need("time_s", "which a trajectory needs"), self.delay_s)
         i, w, length = self.knots.locate(t)
         translation = self._position(i, w, length)
         if not is_structural(self.attitude_delay_s, 0):
@@ -147,7 +147,7 @@ class Trajectory(AbstractLink):
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the POS was recorded at the shot's time."""
-        t = add(shot.time_s, self.delay_s)
+        t = add(shot.need("time_s", "which a trajectory needs"), self.delay_s)
         result = self.knots.check(t)
         if is_structural(self.attitude_delay_s, 0):
             return result
@@ -184,7 +184,7 @@ class PosePerImage(AbstractLink):
         for name, value in (("position", position), ("quaternion", quaternion)):
             if not np.isfinite(value).all():
                 raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
-        quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        quaternion = unit_quaternions(quaternion, "poses: the quaternion of image")
         self.position_m = unstack(jnp.asarray(position))
         self.quaternion = unstack(jnp.asarray(quaternion))
         self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
@@ -192,7 +192,7 @@ class PosePerImage(AbstractLink):
 
     def pose(self, shot: Shot) -> Pose:
         """The pose of each shot's image."""
-        i = shot.image
+        i = shot.need("image", "which a pose per image needs")
         rotation = rotation_from_quaternion(tuple(q[i] for q in self.quaternion))
         translation: Vec3 = tuple(p[i] for p in self.position_m)
         small = Pose(
@@ -204,7 +204,7 @@ class PosePerImage(AbstractLink):
     def check(self, shot: Shot) -> RESULTS:
         """Whether each image has a pose."""
         n = self.position_m[0].shape[0]
-        image = jnp.asarray(shot.image)
+        image = jnp.asarray(shot.need("image", "which a pose per image needs"))
         known = (image >= 0) & (image < n)
         return choose(known, RESULTS.successful, RESULTS.unknown_key)
 

@@ -77,9 +77,9 @@ class Turn(AbstractLink):
 
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""
-        angle = add(self.encoder.at(add(shot.time_s, self.delay_s)), self.zero_rad)
+        angle = add(self.encoder.at(add(shot.need("time_s", "which a turn needs"), self.delay_s)), self.zero_rad)
         return Pose(ELEMENTARY[self.axis](mul(self.sign, angle)))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the encoder was recorded at the shot's time."""
-        return self.encoder.knots.check(add(shot.time_s, self.delay_s))
+        return self.encoder.knots.check(add(shot.need("time_s", "which a turn needs"), self.delay_s))

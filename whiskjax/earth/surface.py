@@ -5,6 +5,7 @@ intersection in front of the origin is returned; the direction need not be a uni
 """
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,6 +15,10 @@ from ..algebra.vectors import Vec3, dot, mul, scale, vadd, vsub
 from ..rules import RESULTS
 from ..rules.results import failure_if
 from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, height_and_up
+
+
+def _as_float(value: Any) -> Array:
+    return jnp.asarray(value, dtype=float)
 
 
 class AbstractSurface(eqx.Module):
@@ -31,7 +36,7 @@ class HeightSurface(AbstractSurface):
     look 78 deg off nadir). `height_m` may be a batch: one height for each ray.
     """
 
-    height_m: Float[Array, "..."] | float
+    height_m: Float[Array, "..."] = eqx.field(converter=_as_float)
 
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
         """Near root with the lengthened ellipsoid, then Newton steps on the geodetic height along the ray.
@@ -58,8 +63,8 @@ class HeightSurface(AbstractSurface):
 class Plane(AbstractSurface):
     """The plane through `point_m` with the normal `normal` (any length), in the frame of the rays."""
 
-    point_m: Float[Array, "3"]
-    normal: Float[Array, "3"]
+    point_m: Float[Array, "3"] = eqx.field(converter=_as_float)
+    normal: Float[Array, "3"] = eqx.field(converter=_as_float)
 
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
         """The one intersection, if it lies in front of the origin."""

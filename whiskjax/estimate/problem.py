@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -109,16 +108,9 @@ def _padded(n: int) -> int:
     return int(-(-n // step) * step)
 
 
-def _must_split(sensor: Sensor) -> set[str]:
-    """The keys by which cameras of different kinds are told apart, which no single batch can hold."""
-    camera = sensor.camera
-    kinds = {jax.tree.structure(option) for option in camera.options} if isinstance(camera, By) else set()
-    return {camera.key} if isinstance(camera, By) and len(kinds) > 1 else set()
-
-
 def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
-    chosen_first = set(sensor.key_names()) if split else _must_split(sensor)
-    choosing = [key for key in KEYS if key in chosen_first]
+    told_apart = sensor.key_names()
+    choosing = [key for key in KEYS if split and key in told_apart]
     codes = np.zeros((len(observations), len(choosing)), dtype=int)
     for j, key in enumerate(choosing):
         value = observations.key(key)

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..chain.camera import AbstractCamera
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
@@ -146,10 +145,7 @@ class Flight:
     @property
     def is_line(self) -> bool:
         """Whether the images are made of lines."""
-        camera = self.sensor.camera
-        while not isinstance(camera, AbstractCamera):
-            camera = camera.options[0]
-        return camera.is_line
+        return self.sensor.is_line
 
     def observations(self) -> Observations:
         """Measurements of control and check points, ready for `calibrate`; tie points, which have no coordinates, stay behind."""

@@ -1,0 +1,135 @@
+"""Where a number lives in a sensor."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import whiskjax as wj
+from whiskjax.chain.address import Address, make_room, parse, put, read
+
+TIME_S = [0.0, 1.0, 2.0]
+SENSOR = wj.Sensor(
+    {
+        "body": wj.Trajectory(TIME_S, np.zeros((3, 3)), [[0, 0, 0, 1.0]] * 3, max_gap_s=2.0),
+        "drift": wj.Correction(wj.Drift(0.0, 2.0)),
+        "poses": wj.PosePerImage(np.zeros((4, 3)), [[0, 0, 0, 1.0]] * 4),
+        "platform": wj.By("swing", {"left": wj.Mount(angles_rad=[1.0, 2.0, 3.0]), "right-2": wj.Mount()}),
+        "scan": wj.Turn("x", wj.Encoder(TIME_S, TIME_S, 2.0)),
+        "flu": wj.Axes("x -y -z"),
+    },
+    wj.By("view", {"nadir": wj.LineCamera(1000.0), "frame": wj.FrameCamera([1000.0, 2000.0], (1.0, 2.0), per_image=True)}),
+)
+
+
+@pytest.mark.parametrize(
+    "text, address",
+    [
+        ("platform.left.angles_rad[0]", Address("platform", ("left", "angles_rad"), (0,))),
+        ("platform.right-2.angles_rad[2]", Address("platform", ("right-2", "angles_rad"), (2,))),
+        ("camera.nadir.focal_px", Address("camera", ("nadir", "focal_px"), ())),
+        ("camera.nadir.deformation_px[1, 3]", Address("camera", ("nadir", "deformation_px"), (1, 3))),
+        (" body.delay_s ", Address("body", ("delay_s",), ())),
+    ],
+)
+def test_places_are_parsed_and_written_back(text, address):
+    assert parse(text) == address
+    assert parse(address.text) == address
+
+
+@pytest.mark.parametrize(
+    "text", ["body", "", "body.", ".delay_s", "body.delay_s[", "body.delay_s[-1]", "body.delay_s[a]", "1.x", "a b.c"]
+)
+def test_what_is_no_place_is_refused(text):
+    with pytest.raises(wj.WhiskjaxError, match=r"no place in a sensor; places look like 'platform\.left\.angles_rad\[0\]'"):
+        parse(text)
+
+
+def test_numbers_are_read():
+    assert float(read(SENSOR, parse("platform.left.angles_rad[1]"))) == 2.0
+    assert float(read(SENSOR, parse("camera.nadir.focal_px"))) == 1000.0
+    # What is absent is zero.
+    for text in ("body.delay_s", "platform.right-2.lever_arm_m[1]", "scan.zero_rad", "drift.turn_rad[1,2]"):
+        assert float(read(SENSOR, parse(text))) == 0.0
+
+
+ABSENT = {
+    "body.delay_s": (),
+    "body.attitude_delay_s": (),
+    "drift.turn_rad[1,2]": (2, 3),
+    "drift.shift_m[0,0]": (2, 3),
+    "poses.turn_rad[3,0]": (4, 3),
+    "poses.shift_m[0,2]": (4, 3),
+    "platform.right-2.lever_arm_m[0]": (3,),
+    "platform.right-2.angles_rad[2]": (3,),
+    "scan.delay_s": (),
+    "scan.zero_rad": (),
+    "camera.frame.distortion[4]": (5,),
+    "camera.nadir.deformation_px[1,3]": (2, 4),
+}
+
+
+@pytest.mark.parametrize("text", ABSENT)
+def test_room_is_made_where_there_was_a_structural_zero(text):
+    address = parse(text)
+    sensor = make_room(SENSOR, address)
+    leaf = sensor[address.link]
+    for name in address.path:
+        leaf = leaf[name] if isinstance(leaf, wj.By) else getattr(leaf, name)
+    assert leaf.shape == ABSENT[text]
+    np.testing.assert_array_equal(leaf, 0)
+    changed = put(sensor, [address], [0.25])
+    assert float(read(changed, address)) == 0.25
+    # Everything else is as it was.
+    assert eqx.tree_equal(put(changed, [address], [jnp.zeros(())]), sensor)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("nobody.delay_s", "no link named 'nobody'"),
+        ("body.lever_arm_m[0]", "Trajectory has no 'lever_arm_m'; it has .*delay_s"),
+        ("platform.middle.angles_rad[0]", "no swing named 'middle'; there are left, right-2"),
+        ("platform.left.angles_rad[3]", r"array there has shape \(3,\)"),
+        ("platform.left.angles_rad", r"array there has shape \(3,\); name one of its entries"),
+        ("body.delay_s[0]", r"array there has shape \(\)"),
+        ("body.max_gap_s", "not a number that can be estimated"),
+        ("scan.axis", "not a number that can be estimated"),
+        ("scan.sign", "not a number that can be estimated"),
+        ("flu.axes", "not a number that can be estimated"),
+        ("platform.left", "not a number that can be estimated"),
+        ("body.knots.steps", "not a number that can be estimated"),
+        # What is absent here is no zero: there is no value that leaves the sensor as it is.
+        ("camera.frame.size_px[0]", "camera.frame.size_px"),
+        ("camera.nadir.samples_px[0]", "camera.nadir.samples_px"),
+        ("body.velocity_mps[0]", "body.velocity_mps"),
+    ],
+)
+def test_what_cannot_be_estimated_is_refused(text, message):
+    with pytest.raises(wj.WhiskjaxError, match=message):
+        make_room(SENSOR, parse(text))
+
+
+def test_many_numbers_are_put_at_once():
+    texts = ["platform.left.angles_rad[2]", "camera.nadir.focal_px", "platform.left.angles_rad[0]", "camera.frame.focal_px[1]"]
+    texts += ["camera.nadir.deformation_px[1,3]", "camera.nadir.deformation_px[0,0]"]
+    addresses = [parse(t) for t in texts]
+    sensor = SENSOR
+    for address in addresses:
+        sensor = make_room(sensor, address)
+    values = [0.1, 1234.0, 0.3, 4321.0, 7.0, 8.0]
+    changed = jax.jit(lambda v: put(sensor, addresses, list(v)))(np.array(values))
+    assert [float(read(changed, a)) for a in addresses] == values
+    np.testing.assert_array_equal(changed["platform"]["left"].angles_rad, [0.3, 2.0, 0.1])
+    np.testing.assert_array_equal(changed["camera"]["frame"].focal_px, [1000.0, 4321.0])
+
+
+def test_put_is_differentiable():
+    address = parse("platform.left.angles_rad[1]")
+
+    def entry(v):
+        return put(SENSOR, [address], [v])["platform"]["left"].angles_rad
+
+    np.testing.assert_array_equal(jax.jacfwd(entry)(5.0), [0, 1, 0])
+    np.testing.assert_array_equal(jax.jacrev(entry)(5.0), [0, 1, 0])

@@ -1,0 +1,140 @@
+"""Corrections in time, each basis against its textbook formula or scipy."""
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import BarycentricInterpolator, BSpline
+from scipy.spatial.transform import Rotation
+
+import whiskjax as wj
+from tests.derivatives import assert_derivatives
+from whiskjax.rules.results import is_successful
+
+START_S, SPACING_S, NODES = 100.0, 4.0, 7
+NODE_S = START_S + SPACING_S * np.arange(NODES)
+RNG = np.random.default_rng(13)
+TURN_RAD, SHIFT_M = RNG.normal(0, 0.2, (NODES, 3)), RNG.normal(0, 3, (NODES, 3))
+BASES = {
+    "bias": wj.Bias(),
+    "drift": wj.Drift(START_S, 50.0),
+    "orientation images": wj.OrientationImages(START_S, SPACING_S, NODES),
+    "spline": wj.Spline(START_S, SPACING_S, NODES),
+}
+INSIDE = np.linspace(NODE_S[1], NODE_S[-2], 41)  # where every basis reaches
+
+
+def weights(basis, t):
+    """All weights as one array (times, coefficients)."""
+    dense = np.zeros((len(t), basis.size))
+    for i, w in basis.weights(t):
+        dense[np.arange(len(t)), np.asarray(i)] += np.asarray(w)
+    return dense
+
+
+def node_by_node(t, values):
+    """The cubic through the four nodes nearest to each time, by scipy's barycentric formula."""
+    out = []
+    for time in t:
+        first = int(np.clip(np.floor((time - START_S) / SPACING_S) - 1, 0, NODES - 4))
+        near = slice(first, first + 4)
+        out.append(BarycentricInterpolator(NODE_S[near], values[near])(time))
+    return np.array(out)
+
+
+def test_orientation_images_are_the_cubic_through_the_four_nearest():
+    t = np.linspace(NODE_S[0], NODE_S[-1], 57)
+    w = weights(BASES["orientation images"], t)
+    np.testing.assert_allclose(w.sum(axis=1), 1, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(w @ SHIFT_M, node_by_node(t, SHIFT_M), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(weights(BASES["orientation images"], NODE_S), np.eye(NODES), rtol=0, atol=1e-14)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=4, max_size=4))
+def test_orientation_images_reproduce_cubics(coefficients):
+    t = np.linspace(NODE_S[0], NODE_S[-1], 23)
+    u, nodes = (t - START_S) / 10, (NODE_S - START_S) / 10
+    found = weights(BASES["orientation images"], t) @ np.polyval(coefficients, nodes)
+    np.testing.assert_allclose(found, np.polyval(coefficients, u), rtol=0, atol=1e-12)
+
+
+def test_the_spline_is_scipys():
+    knots = START_S + SPACING_S * (np.arange(NODES + 4) - 2)
+    spline = BSpline(knots, SHIFT_M, 3)
+    w = weights(BASES["spline"], INSIDE)
+    np.testing.assert_allclose(w.sum(axis=1), 1, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(w @ SHIFT_M, spline(INSIDE), rtol=0, atol=1e-12)
+
+
+def test_a_drift_is_a_line_and_a_bias_is_constant():
+    np.testing.assert_allclose(
+        weights(BASES["drift"], INSIDE), np.stack([0 * INSIDE + 1, (INSIDE - START_S) / 50], -1), rtol=1e-15
+    )
+    np.testing.assert_array_equal(weights(BASES["bias"], INSIDE), np.ones((len(INSIDE), 1)))
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_a_correction_turns_and_shifts_by_the_weighted_sum(name):
+    """p_outer = exp([turn]x) p_inner + shift."""
+    basis = BASES[name]
+    turn, shift = TURN_RAD[: basis.size], SHIFT_M[: basis.size]
+    pose = jax.jit(lambda c, t: c.pose(wj.Shot(time_s=t)))(wj.Correction(basis, turn, shift), INSIDE)
+    w = weights(basis, INSIDE)
+    point = np.array([1.0, -2.0, 3.0])
+    expected = Rotation.from_rotvec(w @ turn).apply(point) + w @ shift
+    # A bias is one pose for all times.
+    got = np.broadcast_to(np.stack(pose.point(tuple(point)), -1), expected.shape)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-13)
+
+
+def test_what_is_absent_is_structurally_zero():
+    pose = wj.Correction(BASES["bias"]).pose(wj.Shot(time_s=1.0))
+    assert pose.translation == (0, 0, 0) and pose.rotation[0] == (1, 0, 0)
+
+
+@pytest.mark.parametrize("name, reach", [("orientation images", NODE_S[[0, -1]]), ("spline", NODE_S[[1, -2]])])
+def test_a_basis_does_not_extrapolate(name, reach):
+    t = np.concatenate([reach + [-1e-6, 1e-6], reach, [reach.mean(), np.nan]])
+    result = wj.Correction(BASES[name], shift_m=SHIFT_M).check(wj.Shot(time_s=t))
+    np.testing.assert_array_equal(is_successful(result), [False, False, True, True, True, False])
+    outside = np.asarray(result == wj.RESULTS.time_outside_trajectory)
+    np.testing.assert_array_equal(outside, ~np.asarray(is_successful(result)))
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_derivatives(name):
+    basis = BASES[name]
+    k = basis.size
+    start = wj.Correction(basis, TURN_RAD[:k], SHIFT_M[:k])
+
+    def f(x):
+        turn, shift = x[1 : 1 + 3 * k].reshape(k, 3), x[1 + 3 * k :].reshape(k, 3)
+        link = eqx.tree_at(lambda c: (c.turn_rad, c.shift_m), start, (turn, shift))
+        return link.pose(wj.Shot(time_s=x[0])).point((1.0, -2.0, 3.0))
+
+    x = np.r_[105.5, TURN_RAD[:k].ravel(), SHIFT_M[:k].ravel()]
+    assert_derivatives(f, x, step=0.03, tolerance=1e-9)
+    # Continuous across a node, to the second derivative for the spline, in value for the cubics through nodes.
+    if name == "spline":
+        assert_derivatives(f, np.r_[NODE_S[3], x[1:]], step=np.r_[1e-3, np.full(len(x) - 1, 0.03)], tolerance=1e-9)
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: wj.Correction(BASES["bias"], turn_rad=np.zeros((2, 3))), r"turn_rad has shape \(2, 3\), expected \(1, 3\)"),
+        (lambda: wj.Correction(BASES["spline"], shift_m=np.zeros((4, 3))), r"shift_m has shape \(4, 3\), expected \(7, 3\)"),
+        (lambda: wj.Spline(0.0, 1.0, 3), "at least 4 are needed, not 3"),
+        (lambda: wj.OrientationImages(0.0, 1.0, 1), "at least 4 are needed, not 1"),
+    ],
+)
+def test_a_wrong_correction_is_refused(make, message):
+    with pytest.raises(wj.WhiskjaxError, match=message):
+        make()
+
+
+def test_coefficients_may_be_lists():
+    pose = wj.Correction(wj.Bias(), shift_m=[[1.0, 2.0, 3.0]]).pose(wj.Shot(time_s=0.0))
+    np.testing.assert_array_equal(np.array(pose.translation), [1, 2, 3])

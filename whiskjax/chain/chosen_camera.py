@@ -1,0 +1,66 @@
+"""Several cameras told apart element by element: what `By` is for a batch of shots whose key is an array."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..algebra.vectors import Component, Vec2, Vec3
+from ..rules import RESULTS
+from ..rules.results import choose
+from .camera import AbstractCamera
+from .shot import Shot
+
+
+class ChosenCamera(AbstractCamera):
+    """Every camera is asked and the answer of the right one taken: results are chosen, so the cameras may differ in kind."""
+
+    key: Int[Array, "..."]
+    cameras: tuple[AbstractCamera, ...]
+
+    @property
+    def is_line(self) -> bool:
+        """As the cameras are."""
+        return self.cameras[0].is_line
+
+    def _choose(self, ask: Callable[[AbstractCamera], Any], pick: Callable[[Any, Any, Any], Any]) -> Any:
+        first, *rest = (ask(camera) for camera in self.cameras)
+        for i, answer in enumerate(rest, start=1):
+            first = pick(self.key == i, answer, first)
+        return first
+
+    def _components(self, ask: Callable[[AbstractCamera], tuple[Component, ...]]) -> tuple[Component, ...]:
+        return self._choose(ask, lambda here, a, b: tuple(jnp.where(here, x, y) for x, y in zip(a, b, strict=True)))
+
+    def at(self, shot: Shot) -> "ChosenCamera":
+        """Already chosen."""
+        return self
+
+    def check(self, shot: Shot) -> RESULTS:
+        """The chosen camera's own check."""
+        return self._choose(lambda camera: camera.check(shot), choose)
+
+    def pixel(self, q: Vec3) -> Vec2:
+        """Where the chosen camera images a direction."""
+        return self._components(lambda camera: camera.pixel(q))
+
+    def direction(self, pixel: Vec2) -> Vec3:
+        """The chosen camera's direction of a pixel."""
+        return self._components(lambda camera: camera.direction(pixel))
+
+    def check_direction(self, q: Vec3) -> RESULTS:
+        """Whether the chosen camera can image a direction."""
+        return self._choose(lambda camera: camera.check_direction(q), choose)
+
+    def check_pixel(self, pixel: Vec2) -> RESULTS:
+        """Whether the chosen camera's pixel has a direction."""
+        return self._choose(lambda camera: camera.check_pixel(pixel), choose)
+
+    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
+        """Whether the pixel lies on the chosen detector."""
+        return self._choose(lambda camera: camera.sees(pixel), jnp.where)
+
+    def miss(self, q: Vec3) -> Component:
+        """The chosen camera's miss."""
+        return self._choose(lambda camera: camera.miss(q), jnp.where)
