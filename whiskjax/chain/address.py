@@ -70,17 +70,18 @@ def read(sensor: Sensor, address: Address) -> Any:
     return leaf[address.index] if address.index else leaf
 
 
+_WHERE_ABSENT_IS_ZERO = {"lever_arm_m": (3,), "angles_rad": (3,), "distortion": (5,), "deformation_px": (2, 4)}
+
+
 def _zeros_like_field(node: Any, name: str) -> Any:
-    """What an absent parameter means, as an array that can hold an unknown."""
-    if isinstance(node, Correction):
-        return jnp.zeros((node.basis.size, 3))
-    if isinstance(node, PosePerImage):
-        return jnp.zeros((node.position_m[0].shape[0], 3))
-    if name == "distortion":
-        return jnp.zeros(5)
-    if name == "deformation_px":
-        return jnp.zeros((2, 4))
-    return jnp.zeros(3)
+    """What an absent parameter means, as an array that can hold an unknown; None where no number means the same."""
+    if name in ("turn_rad", "shift_m"):
+        if isinstance(node, Correction):
+            return jnp.zeros((node.basis.size, 3))
+        if isinstance(node, PosePerImage):
+            return jnp.zeros((node.position_m[0].shape[0], 3))
+    shape = _WHERE_ABSENT_IS_ZERO.get(name)
+    return None if shape is None else jnp.zeros(shape)
 
 
 def make_room(sensor: Sensor, address: Address) -> Sensor:
@@ -94,7 +95,8 @@ def make_room(sensor: Sensor, address: Address) -> Sensor:
     leaf = _step(node, address.path[-1], address.text)
     if leaf is None or is_structural(leaf, 0):
         leaf = jnp.zeros(()) if leaf is not None else _zeros_like_field(node, address.path[-1])
-        sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
+        if leaf is not None:
+            sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
     if not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
         raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
     if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
@@ -112,7 +114,7 @@ def put(sensor: Sensor, addresses: list[Address], values: list[Any]) -> Sensor:
     for first, ks in zip(firsts, by_leaf.values(), strict=True):
         leaf = node_at(sensor, first)
         if leaf.ndim == 0:
-            leaf = values[ks[-1]]
+            leaf = jnp.asarray(values[ks[-1]], dtype=leaf.dtype)
         elif leaf.ndim == 1:
             entries = {addresses[k].index[0]: values[k] for k in ks}
             leaf = jnp.stack([entries.get(i, leaf[i]) for i in range(leaf.shape[0])])
