@@ -13,9 +13,7 @@ E2 = F * (2 - F)
 FOCAL_PX = 10_750.0
 FORWARD_LEFT_UP = np.diag([1.0, -1.0, -1.0])
 # u_gps, R_pos left, R_pos right, u_sen, R_sen: sizes as in the paper's Table 4, prior sigmas of the haian scenario.
-TRUTH = np.r_[
-    0.05, -0.12, 0.6, np.radians([2.7, 0.01, 0.3, 2.72, 0.015, 0.33]), -0.06, 0.1, 1.1, np.radians([0.02, 0.45, -0.08])
-]
+TRUTH = np.r_[0.05, -0.12, 0.6, np.radians([2.7, 0.01, 0.3, 2.72, 0.015, 0.33]), -0.06, 0.1, 1.1, np.radians([0.02, 0.45, -0.08])]
 SIGMA = np.r_[0.2, 0.2, 1, np.radians([5, 0.02, 0.5, 5, 0.02, 0.5]), 0.2, 0.2, 2, np.radians([0.03, 5, 0.1])]
 
 

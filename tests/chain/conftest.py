@@ -33,7 +33,7 @@ class Swings:
 
 
 def fly(hz: float, wave: float = 1.0) -> Swings:
-    """Left and right swing along the flight's own path and scan, attitude waves `wave` times as high, POS and encoders at `hz`."""
+    """Left and right swing along the flight's own path and scan, waves `wave` times as high, POS and encoders at `hz`."""
     path = haian.Path(np.random.default_rng(21))
     path.wave_rad = wave * path.wave_rad
     starts = (0.0, 3.5)

@@ -73,7 +73,7 @@ def test_the_inverse_agrees_with_bisection():
     k1, k2, k3 = -0.3, 0.1, 0.0
     camera = wj.FrameCamera(1.0, (0.0, 0.0), (k1, k2, k3, 0.0, 0.0))
     for r in (0.05, 0.3, 0.6):
-        expected = brentq(lambda u: u * (1 + u * u * (k1 + u * u * k2)) - r, 0, 1, xtol=1e-15)
+        expected = brentq(lambda u, r=r: u * (1 + u * u * (k1 + u * u * k2)) - r, 0, 1, xtol=1e-15)
         np.testing.assert_allclose(camera.direction((r, 0.0))[0], expected, rtol=0, atol=1e-14)
 
 

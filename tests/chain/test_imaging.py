@@ -1,4 +1,4 @@
-"""ray, project, image_to_ground and ground_to_image: round trips for every camera, batches, failures, derivatives of everything."""
+"""ray, project, image_to_ground and ground_to_image: round trips for every camera, batches, failures, derivatives."""
 
 import equinox as eqx
 import jax

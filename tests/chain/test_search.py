@@ -43,7 +43,7 @@ def test_the_time_is_the_root_that_brentq_finds_in_the_textbook_formula(swings, 
     for i in range(0, N, 4):
         # Ten line widths to both sides; the line rate is 6300 lines a second.
         near = float(found.time_s[i]) + np.array([-1.6e-3, 1.6e-3])
-        root = brentq(lambda t: collinearity(swings, t, points[i], swing == 0)[1], *near, xtol=1e-14, rtol=1e-15)
+        root = brentq(lambda t, p=points[i]: collinearity(swings, t, p, swing == 0)[1], *near, xtol=1e-14, rtol=1e-15)
         assert abs(float(found.time_s[i]) - root) < 2e-10
         np.testing.assert_allclose(
             found.pixel_px[i], [collinearity(swings, root, points[i], swing == 0)[0], 0], rtol=0, atol=PIXEL

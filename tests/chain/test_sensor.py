@@ -37,7 +37,7 @@ def test_the_pose_is_the_product_down_to_a_frame():
 
 
 def test_a_name_that_is_not_there_lists_those_that_are():
-    with pytest.raises(wj.WhiskjaxError, match="no link named 'platform'; there are z, a and camera|there are z, a"):
+    with pytest.raises(wj.WhiskjaxError, match="no link named 'platform'; there are z, a"):
         wj.Sensor({"z": MOUNT, "a": AXES}, CAMERA)["platform"]
 
 

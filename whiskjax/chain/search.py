@@ -38,8 +38,8 @@ def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, s
     """The time in [start, stop] when a point lies in the plane of the detector line, as components.
 
     Safeguarded secant inside a bracket (regula falsi with the weight of Anderson and Bjorck 1973, and a bisection where five
-    steps have not halved the bracket): Newton cycles at the kinks of linearly interpolated POS, and a strip flown in turbulence
-    is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative is implicit, one
+    steps have not brought the miss down to a sixteenth): Newton cycles at the kinks of linearly interpolated POS, and a strip
+    flown in turbulence is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative is implicit, one
     Newton step from the solution: dt = -(d miss / d everything else) / (d miss / d t).
     """
     fixed_sensor, fixed_shot, fixed_point = jax.lax.stop_gradient((sensor, shot, point))
@@ -58,22 +58,22 @@ def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, s
         return (k < _MOST_STEPS) & jnp.any(crossed & (jnp.abs(fb) > _CLOSE))
 
     def step(state):
-        k, a, b, fa, fb, width = state  # a and b enclose the solution, b is the newest
+        k, a, b, fa, fb, before = state  # a and b enclose the solution, b is the newest
         arrived = ~(jnp.abs(fb) > _CLOSE)
         slope = fb - fa
         t = b - fb * (b - a) / jnp.where(slope == 0, 1.0, slope)
         look_back = k % _BISECT_EVERY == _BISECT_EVERY - 1
-        t = jnp.where(look_back & (jnp.abs(b - a) > 0.5 * width), 0.5 * (a + b), t)
-        width = jnp.where(look_back, jnp.abs(b - a), width)
+        t = jnp.where(look_back & (jnp.abs(fb) > before / 16), 0.5 * (a + b), t)
+        before = jnp.where(look_back, jnp.abs(fb), before)
         t = jnp.where(arrived, b, t)
         ft = jnp.where(arrived, fb, miss(t))
         other_side = ft * fb <= 0
         m = 1 - ft / jnp.where(fb == 0, 1.0, fb)
         weight = jnp.where(m > 0, m, 0.5)
         a, fa = jnp.where(other_side, b, a), jnp.where(arrived, fa, jnp.where(other_side, fb, weight * fa))
-        return k + 1, a, t, fa, ft, width
+        return k + 1, a, t, fa, ft, before
 
-    _, _, t, _, last, _ = jax.lax.while_loop(searching, step, (0, a, b, fa, fb, jnp.abs(b - a)))
+    _, _, t, _, last, _ = jax.lax.while_loop(searching, step, (0, a, b, fa, fb, jnp.abs(fb)))
     t = jax.lax.stop_gradient(t)
     value, rate = jax.jvp(lambda t: _miss(sensor, shot, point, t), (t,), (jnp.ones_like(t),))
     rate = jax.lax.stop_gradient(jnp.where(rate == 0, 1.0, rate))

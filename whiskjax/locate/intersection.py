@@ -11,11 +11,11 @@ from jaxtyping import Array, Float, Int
 from ..algebra.symmetric import solve3
 from ..algebra.vectors import Vec2, Vec3, mul, stack, total, unstack, vadd, vsub
 from ..chain.bake import bake
-from ..chain.imaging import sight
+from ..chain.imaging import finite, sight
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.sweep import sweep
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
+from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures, require_x64
 from ..rules.results import choose, failure_if, is_successful
 
 _STEPS = 5
@@ -65,12 +65,17 @@ def intersect(
     pixel = jnp.asarray(pixel_px, dtype=jnp.float64)
     if index.shape != pixel.shape[:1] or pixel.shape[1:] != (2,):
         raise WhiskjaxError(f"intersect: pixels {pixel.shape} and point indices {index.shape} are not (rays, 2) and (rays,)")
+    if len(index) == 0:
+        raise WhiskjaxError("intersect: there are no rays")
     points = int(index.max()) + 1
     if len(np.unique(index)) != points or index.min() < 0:
         raise WhiskjaxError(
             "intersect: point indices must run from 0 to points - 1 without holes: a point without a ray has no place"
         )
-    sigma = jnp.broadcast_to(jnp.asarray(sigma_px, dtype=jnp.float64), pixel.shape)
+    sigma = jnp.asarray(sigma_px, dtype=jnp.float64)
+    if not is_traced(sigma) and not bool((sigma > 0).all()):
+        raise WhiskjaxError("intersect: sigma_px must be positive")
+    sigma = jnp.broadcast_to(sigma, pixel.shape)
     answer = _intersect(sensor, shot, pixel, jnp.asarray(index, dtype=jnp.int32), sigma, points)
     if throw:
         raise_failures(answer.result, "intersect (index: the point)")
@@ -102,14 +107,18 @@ def _intersect(sensor: Sensor, shot: Shot, pixel: Array, index: Array, sigma: Ar
     residual, normal, right = _normal(sensor, shot, gather(point), measured, weight)
     _, inverse = solve3(add_up(normal), add_up(right))
 
+    def worst(of_rays: RESULTS) -> RESULTS:
+        return jax.tree.map(lambda code: jax.ops.segment_max(code + 0 * index, index, points), of_rays)
+
     behind = sensor.camera_at(shot).check_direction(shot.poses[-1].into(gather(point)))
-    worst = jax.ops.segment_max(jax.tree.leaves(first_failure(ray_result, behind))[0] + 0 * index, index, points)
-    result = jax.tree.map(lambda _: worst, RESULTS.successful)
-    result = first_failure(result, choose(rays_meet, RESULTS.successful, RESULTS.rank_deficient))
-    lost = ~jnp.isfinite(total(point))
-    result = first_failure(result, failure_if(lost, RESULTS.nonfinite))
     moving = jnp.sqrt(total(mul(s, s) for s in step)) > 1e-3
-    result = first_failure(result, failure_if(moving, RESULTS.not_converged))
+    result = first_failure(
+        worst(first_failure(ray_result, finite(*measured))),
+        choose(rays_meet, RESULTS.successful, RESULTS.rank_deficient),
+        worst(behind),
+        finite(*point),
+        failure_if(moving, RESULTS.not_converged),
+    )
     ok = is_successful(result)[:, None]
     (a, b, c), (_, d, e), (_, _, f) = inverse
     covariance = jnp.stack([stack((a, b, c)), stack((b, d, e)), stack((c, e, f))], axis=-2)
