@@ -39,8 +39,8 @@ def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, s
 
     Safeguarded secant inside a bracket (regula falsi with the weight of Anderson and Bjorck 1973, and a bisection where five
     steps have not brought the miss down to a sixteenth): Newton cycles at the kinks of linearly interpolated POS, and a strip
-    flown in turbulence is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative is implicit, one
-    Newton step from the solution: dt = -(d miss / d everything else) / (d miss / d t).
+    flown in turbulence is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative
+    is implicit, one Newton step from the solution: dt = -(d miss / d everything else) / (d miss / d t).
     """
     fixed_sensor, fixed_shot, fixed_point = jax.lax.stop_gradient((sensor, shot, point))
 
