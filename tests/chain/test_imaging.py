@@ -180,6 +180,7 @@ def test_the_line_offset_of_ground_to_image_is_zero_and_the_pixel_the_one_that_l
 
 
 SHAPES = [(), (1,), (3, 2)]
+SHORT = wj.Sensor({"body": BODY, "flu": wj.Axes("x -y -z")}, wj.LineCamera(8000.0, 2000.0))
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -187,11 +188,11 @@ def test_batches_agree_with_a_loop(shape):
     rng = np.random.default_rng(41)
     time, sample, height = rng.uniform(2, 8, shape), rng.uniform(0, 4000, shape), rng.uniform(0, 300, shape)
     pixel = np.stack([sample, np.zeros(shape)], -1)
-    shot = wj.Shot(time_s=time, swing=1)
-    ray = wj.ray(RICH, shot, pixel)
-    ground = wj.image_to_ground(RICH, shot, pixel, wj.HeightSurface(height))
-    back = wj.project(RICH, shot, ground.point_m)
-    found = wj.ground_to_image(RICH, wj.Shot(swing=1), ground.point_m, (1.0, 9.0))
+    shot = wj.Shot(time_s=time)
+    ray = wj.ray(SHORT, shot, pixel)
+    ground = wj.image_to_ground(SHORT, shot, pixel, wj.HeightSurface(height))
+    back = wj.project(SHORT, shot, ground.point_m)
+    found = wj.ground_to_image(SHORT, wj.Shot(), ground.point_m, (1.0, 9.0))
     assert ray.origin_m.shape == ray.direction.shape == ground.point_m.shape == (*shape, 3)
     assert back.pixel_px.shape == found.pixel_px.shape == (*shape, 2)
     assert found.time_s.shape == shape
@@ -201,9 +202,9 @@ def test_batches_agree_with_a_loop(shape):
     np.testing.assert_allclose(found.pixel_px, pixel, rtol=0, atol=PIXEL)
     np.testing.assert_allclose(found.time_s, time, rtol=0, atol=1e-9)
     for i in np.ndindex(shape):
-        one = wj.Shot(time_s=time[i], swing=1)
-        np.testing.assert_allclose(ray.direction[i], wj.ray(RICH, one, pixel[i]).direction, rtol=0, atol=1e-14)
-        alone = wj.image_to_ground(RICH, one, pixel[i], wj.HeightSurface(height[i])).point_m
+        one = wj.Shot(time_s=time[i])
+        np.testing.assert_allclose(ray.direction[i], wj.ray(SHORT, one, pixel[i]).direction, rtol=0, atol=1e-14)
+        alone = wj.image_to_ground(SHORT, one, pixel[i], wj.HeightSurface(height[i])).point_m
         np.testing.assert_allclose(ground.point_m[i], alone, rtol=0, atol=1e-8)
 
 
@@ -304,16 +305,18 @@ def test_the_wrong_shape_is_refused(door, value, message):
 
 def test_failures_do_not_poison_the_derivatives_of_the_rest(ground):
     """The sum over the good ones has finite derivatives although other lanes of the batch fail."""
-    points = jnp.stack([jnp.asarray(ground), -jnp.asarray(ground)])
-    times = jnp.array([4.3, 77.0])
+    points = jnp.stack([jnp.asarray(ground), -jnp.asarray(ground), 2 * jnp.asarray(ground)])
+    times = jnp.array([4.3, 77.0, 4.3])
+    axes, camera = wj.Axes("y x -z"), wj.FrameCamera(1000.0, (0.0, 0.0), (-0.1, 0.0, 0.0, 0.0, 0.0))
 
-    def total(x):
-        sensor = with_parameters(x)
-        put = wj.project(sensor, wj.Shot(time_s=times, swing=1), points, throw=False)
-        good = jnp.where((put.result == R.successful)[:, None], put.pixel_px, 0.0)
-        return jnp.sum(good)
+    def total(angles):
+        sensor = wj.Sensor({"body": BODY, "mount": wj.Mount(angles_rad=angles), "axes": axes}, camera)
+        put = wj.project(sensor, wj.Shot(time_s=times), points, throw=False)
+        good = put.result == R.successful
+        return jnp.sum(jnp.where(good[:, None], put.pixel_px, 0.0)), good
 
-    gradient = jax.jit(jax.grad(total))(jnp.asarray(START))
+    gradient, good = jax.jit(jax.grad(total, has_aux=True))(jnp.zeros(3))
+    assert [bool(g) for g in good] == [True, False, False]
     assert np.isfinite(gradient).all() and np.abs(gradient).max() > 1
 
 

@@ -25,15 +25,20 @@ def queries(time):
     return inside, np.array([time[0] - 1.0, time[-1] + 1.0])
 
 
+@jax.jit
+def located(knots, t):
+    return knots.locate(t), knots.check(t)
+
+
 def assert_found(time):
     inside, outside = queries(time)
     knots = Knots(time, 1e9, "test")
-    i, w, length = jax.jit(lambda k, t: k.locate(t))(knots, inside)
+    (i, w, length), fine = located(knots, inside)
     expected, fraction = found_by_numpy(time, inside)
     np.testing.assert_array_equal(i, expected)
     np.testing.assert_allclose(w, fraction, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(length, np.diff(time)[expected])
-    assert is_successful(knots.check(inside)).all()
+    assert is_successful(fine).all()
     assert (codes_of(knots.check(outside)) == codes_of(R.time_outside_trajectory)).all()
 
 

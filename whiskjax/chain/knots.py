@@ -11,6 +11,11 @@ from ..rules.results import choose
 _MOST_STEPS = 8
 
 
+def take(values: Float[Array, " n"], i: Int[Array, "..."]) -> Float[Array, "..."]:
+    """values[i] for indices that are known to lie inside: no clamping, no wrapping of negative ones."""
+    return values.at[i].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
 class Knots(eqx.Module):
     """Strictly increasing sample times, with a table that finds the interval of a time in a few loads.
 
@@ -72,18 +77,18 @@ class Knots(eqx.Module):
             i = jnp.clip(jnp.searchsorted(self.time_s, t, side="right").astype(jnp.int32) - 1, 0, last)
         else:
             bucket = ((t - self.time_s[0]) * self.buckets_per_s).astype(jnp.int32)
-            i = self.before_bucket[jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1)]
+            i = take(self.before_bucket, jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1))
             for _ in range(self.steps):
-                i = jnp.minimum(i + (self.time_s[i + 1] <= t).astype(jnp.int32), last)
-        start = self.time_s[i]
-        length = self.time_s[i + 1] - start
+                i = jnp.minimum(i + (take(self.time_s, i + 1) <= t).astype(jnp.int32), last)
+        start = take(self.time_s, i)
+        length = take(self.time_s, i + 1) - start
         return i, (t - start) / length, length
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""
         i, w, _ = self.locate(t)
         outside = ~((t >= self.time_s[0]) & (t <= self.time_s[-1]))
-        gap = self.is_gap[i] & (w > 0) & (w < 1)
+        gap = take(self.is_gap, i) & (w > 0) & (w < 1)
         return choose(
             outside,
             RESULTS.time_outside_trajectory,

@@ -10,7 +10,7 @@ from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
 from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
 from ..rules.results import choose
-from .knots import Knots
+from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
 from .rotations import (
@@ -128,16 +128,16 @@ class Trajectory(AbstractLink):
         translation = self._position(i, w, length)
         if not is_structural(self.attitude_delay_s, 0):
             i, w, _ = self.knots.locate(t + self.attitude_delay_s)
-        start: Quaternion = tuple(q[i] for q in self.quaternion)
-        part: Vec3 = tuple(w * r[i] for r in self.turn_rad)
+        start: Quaternion = tuple(take(q, i) for q in self.quaternion)
+        part: Vec3 = tuple(w * take(r, i) for r in self.turn_rad)
         return Pose(rotation_from_quaternion(quaternion_product(start, quaternion_from_vector(part))), translation)
 
     def _position(self, i, w, length) -> Vec3:
-        before, after = (tuple(p[i + k] for p in self.position_m) for k in (0, 1))
+        before, after = (tuple(take(p, i + k) for p in self.position_m) for k in (0, 1))
         if self.velocity_mps is None:
             return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))
         # Cubic Hermite: value and velocity are met at both samples.
-        leave, arrive = (tuple(length * v[i + k] for v in self.velocity_mps) for k in (0, 1))
+        leave, arrive = (tuple(length * take(v, i + k) for v in self.velocity_mps) for k in (0, 1))
         u = 1 - w
         far, near_slope, far_slope = w * w * (3 - 2 * w), w * u * u, -w * w * u
         return tuple(

@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..algebra.angles import ELEMENTARY
 from ..algebra.vectors import Component, add, is_structural, mul
 from ..rules import RESULTS, WhiskjaxError
-from .knots import Knots
+from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
 from .shot import Shot
@@ -52,8 +52,8 @@ class Encoder(eqx.Module):
     def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
         """The angle at each time, radians."""
         i, w, _ = self.knots.locate(t)
-        before = self.angle_rad[i]
-        return before + w * (self.angle_rad[i + 1] - before)
+        before = take(self.angle_rad, i)
+        return before + w * (take(self.angle_rad, i + 1) - before)
 
 
 class Turn(AbstractLink):

@@ -39,9 +39,10 @@ class HeightSurface(AbstractSurface):
     height_m: Float[Array, "..."] = eqx.field(converter=_as_float)
 
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
-        """Near root with the lengthened ellipsoid, then Newton steps on the geodetic height along the ray.
+        """Near root with the lengthened ellipsoid, then one step on the geodetic height along the ray.
 
-        The last step carries the derivative; each squares the error, and the first error is centimetres.
+        The root misses by centimetres. The step solves height + climb s + s^2 (1 - climb^2) / 2R = wanted height, so that what is
+        left is of third order, also for rays that graze.
         """
         a, b = 1 / (SEMI_MAJOR_M + self.height_m), 1 / (SEMI_MINOR_M + self.height_m)
         p = tuple(mul(c, w) for c, w in zip(origin, (a, a, b), strict=True))
@@ -52,11 +53,12 @@ class HeightSurface(AbstractSurface):
         # pp / (-pv + root) is the near root without cancellation; where the ray misses, a harmless 1 keeps gradients finite.
         root = jnp.sqrt(jnp.where(misses, 1.0, discriminant))
         s = pp / (root - jnp.where(misses, -1.0, pv))
-        for _ in range(2):
-            point = vadd(origin, scale(s, direction))
-            height, *up = height_and_up(*(jnp.asarray(c) for c in point))
-            climb = dot(up, direction)
-            s = s - (height - self.height_m) / jnp.where(misses, 1.0, climb)
+        height, *up = height_and_up(*(jnp.asarray(c) for c in vadd(origin, scale(s, direction))), 1)
+        climb = jnp.where(misses, -1.0, dot(up, direction))
+        rise = self.height_m - height
+        bend = (dot(direction, direction) - climb * climb) / SEMI_MAJOR_M
+        under = climb * climb + 2 * bend * rise
+        s = s + 2 * rise / (climb - jnp.sqrt(jnp.where(misses | (under < 0), climb * climb, under)))
         return vadd(origin, scale(s, direction)), failure_if(misses, RESULTS.ray_misses_ground)
 
 
