@@ -72,17 +72,18 @@ def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "
     return stack([jnp.where(ok, c, jnp.nan) for c in components])
 
 
-def parts(value: Any, size: int, what: str) -> tuple[Float[Array, "..."], ...]:
-    """The components of an array (..., size) of absolute coordinates."""
+def coordinates(value: Any, size: int, what: str) -> Float[Array, "... size"]:
+    """An array (..., size) of absolute coordinates, in float64."""
     require_x64(what)
     value = jnp.asarray(value, dtype=jnp.float64)
     if value.shape[-1:] != (size,):
         raise WhiskjaxError(f"{what}: the last axis has {size} entries, but the shape is {value.shape}")
-    return unstack(value)
+    return value
 
 
 @eqx.filter_jit
-def _ray(sensor: Sensor, shot: Shot, pixel: Vec2) -> Ray:
+def _ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]) -> Ray:
+    pixel = unstack(pixel_px)
     origin, direction = sight(sensor, shot, pixel)
     result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), finite(*origin, *direction))
     one_each = 0 * direction[0]  # shots that many pixels share have one origin: give each pixel its own
@@ -103,16 +104,16 @@ def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, thro
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _ray(sensor, shot, parts(pixel_px, 2, "ray"))
+    answer = _ray(sensor, shot, coordinates(pixel_px, 2, "ray"))
     if throw:
         raise_failures(answer.result, "ray")
     return answer
 
 
 @eqx.filter_jit
-def _project(sensor: Sensor, shot: Shot, point: Vec3) -> Projection:
+def _project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"]) -> Projection:
     camera = sensor.camera_at(shot)
-    q = into_camera(sensor, shot, point)
+    q = into_camera(sensor, shot, unstack(point_m))
     pixel = camera.pixel(q)
     result = first_failure(sensor.check(shot), camera.check_direction(q), finite(*pixel))
     return Projection(finish(pixel, result), result)
@@ -134,14 +135,15 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, t
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _project(sensor, shot, parts(point_m, 3, "project"))
+    answer = _project(sensor, shot, coordinates(point_m, 3, "project"))
     if throw:
         raise_failures(answer.result, "project")
     return answer
 
 
 @eqx.filter_jit
-def _image_to_ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractSurface) -> GroundPoint:
+def _image_to_ground(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], surface: AbstractSurface) -> GroundPoint:
+    pixel = unstack(pixel_px)
     origin, direction = sight(sensor, shot, pixel)
     point, hit = surface.intersect(origin, direction)
     result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), hit, finite(*point))
@@ -164,7 +166,7 @@ def image_to_ground(
 
     **Raises:** `SensorError`; `RuntimeError` where float64 is off.
     """
-    answer = _image_to_ground(sensor, shot, parts(pixel_px, 2, "image_to_ground"), surface)
+    answer = _image_to_ground(sensor, shot, coordinates(pixel_px, 2, "image_to_ground"), surface)
     if throw:
         raise_failures(answer.result, "image_to_ground")
     return answer

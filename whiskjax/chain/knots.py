@@ -56,39 +56,44 @@ class Knots(eqx.Module):
                 f"({t[i]!r} s); sort the samples and remove duplicates"
             )
         span = t[-1] - t[0]
-        buckets = int(np.clip(np.ceil(span / steps.min()), 1, 64 * len(t)))
-        edges = t[0] + np.arange(buckets) * (span / buckets)
-        # A hair early, so that rounding of the bucket number can only cost a step, never skip a sample.
-        before = np.clip(np.searchsorted(t, edges - 1e-9 * span / buckets, side="right") - 1, 0, len(t) - 2)
-        after = np.append(before[1:], len(t) - 2)
+        # A little narrower than the closest samples: then a bucket holds at most one of them.
+        buckets = int(np.clip(np.ceil(1.01 * span / steps.min()), 1, 64 * len(t)))
+        edges = t[0] + np.arange(buckets + 1) * (span / buckets)
+        # A hair early and a hair late, so that rounding of the bucket number can only cost a step, never skip a sample.
+        hair = 1e-6 * span / buckets
+        before, after = (np.clip(np.searchsorted(t, e, side="right") - 1, 0, len(t) - 2) for e in (edges - hair, edges + hair))
         self.time_s = jnp.asarray(t)
         self.is_gap = jnp.asarray(steps > max_gap_s)
-        self.before_bucket = jnp.asarray(before, dtype=jnp.int32)
+        self.before_bucket = jnp.asarray(before[:-1], dtype=jnp.int32)
         self.buckets_per_s = jnp.asarray(buckets / span)
-        self.steps = int((after - before).max()) + 1
+        self.steps = int((after[1:] - before[:-1]).max())
+
+    def _interval(self, t: Float[Array, "..."]) -> Int[Array, "..."]:
+        """Index of the sample at or before each time, of the nearest interval outside the record."""
+        last = self.time_s.shape[0] - 2
+        if self.steps > _MOST_STEPS:
+            return jnp.clip(jnp.searchsorted(self.time_s, t, side="right").astype(jnp.int32) - 1, 0, last)
+        bucket = ((t - self.time_s[0]) * self.buckets_per_s).astype(jnp.int32)
+        i = take(self.before_bucket, jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1))
+        for _ in range(self.steps):
+            i = jnp.minimum(i + (take(self.time_s, i + 1) <= t).astype(jnp.int32), last)
+        return i
 
     def locate(self, t: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
         """Index of the sample at or before each time, the fraction of the interval that has passed, and its length in seconds.
 
         Outside the record the nearest interval is used; `check` is what refuses such times.
         """
-        last = self.time_s.shape[0] - 2
-        if self.steps > _MOST_STEPS:
-            i = jnp.clip(jnp.searchsorted(self.time_s, t, side="right").astype(jnp.int32) - 1, 0, last)
-        else:
-            bucket = ((t - self.time_s[0]) * self.buckets_per_s).astype(jnp.int32)
-            i = take(self.before_bucket, jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1))
-            for _ in range(self.steps):
-                i = jnp.minimum(i + (take(self.time_s, i + 1) <= t).astype(jnp.int32), last)
+        i = self._interval(t)
         start = take(self.time_s, i)
         length = take(self.time_s, i + 1) - start
         return i, (t - start) / length, length
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""
-        i, w, _ = self.locate(t)
+        i = self._interval(t)
         outside = ~((t >= self.time_s[0]) & (t <= self.time_s[-1]))
-        gap = take(self.is_gap, i) & (w > 0) & (w < 1)
+        gap = take(self.is_gap, i) & (t > take(self.time_s, i)) & (t < take(self.time_s, i + 1))
         return choose(
             outside,
             RESULTS.time_outside_trajectory,

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.vectors import Component, Vec3
+from ..algebra.vectors import Component, Vec3, unstack
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import failure_if
 from .camera import AbstractCamera
-from .imaging import finish, finite, into_camera, parts
+from .imaging import coordinates, finish, finite, into_camera
 from .sensor import Sensor
 from .shot import Shot
 
@@ -84,8 +84,9 @@ def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, s
 
 @eqx.filter_jit
 def _ground_to_image(
-    sensor: Sensor, shot: Shot, point: Vec3, window_s: tuple[Component, Component] | None, clip: bool
+    sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"], window_s: tuple[Component, Component] | None, clip: bool
 ) -> ImagePoint:
+    point = unstack(point_m)
     result = RESULTS.successful
     if window_s is not None:
         t, result = exposure_time(sensor, shot, point, *window_s)
@@ -129,7 +130,7 @@ def ground_to_image(
     **Raises:** `SensorError` (outside the swath, outside the trajectory, behind the camera); `WhiskjaxError` where a line camera
     has no window or a frame camera has one.
     """
-    point = parts(point_m, 3, "ground_to_image")
+    point = coordinates(point_m, 3, "ground_to_image")
     is_line = sensor.is_line
     if is_line != (window_s is not None):
         raise WhiskjaxError(
