@@ -14,7 +14,9 @@ from whiskjax.earth.ellipsoid import ecef_from_geodetic, geodetic_from_ecef, hei
 
 LOW_M, HIGH_M = -5000.0, 4e7
 EPS = np.finfo(float).eps
-PLACES = np.radians([[90, 0], [-90, 0], [90, 123], [0, 180], [0, -180], [45, 180], [-45, -180], [0, 0], [89.9999999, 77]])
+PLACES = np.radians(
+    [[90, 0], [-90, 0], [90, 123], [0, 180], [0, -180], [45, 180], [-45, -180], [0, 0], [30, 123], [-50, -70], [89.9999999, 77]]
+)
 
 
 @pytest.fixture(scope="module")
