@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ..algebra.angles import sincos
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
@@ -15,7 +16,6 @@ from .link import AbstractLink
 from .pose import Pose
 from .rotations import (
     Quaternion,
-    quaternion_from_vector,
     quaternion_product,
     rotation_from_angles,
     rotation_from_quaternion,
@@ -38,7 +38,8 @@ class Trajectory(AbstractLink):
     position_m: Vec3  # components, each (n,)
     velocity_mps: Vec3 | None
     quaternion: Quaternion
-    turn_rad: Vec3  # rotation vector from each sample to the next, in the body frame, each (n - 1,)
+    turn_axis: Vec3  # from each sample to the next, in the body frame: unit axis, each (n - 1,), zero where nothing turns
+    half_turn_rad: Float[Array, " n-1"]
     max_gap_s: float = eqx.field(static=True)
     delay_s: Component = eqx.field(converter=as_parameter)
     attitude_delay_s: Component = eqx.field(converter=as_parameter)
@@ -83,7 +84,10 @@ class Trajectory(AbstractLink):
         self.position_m = unstack(jnp.asarray(position))
         self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))
         self.quaternion = unstack(jnp.asarray(quaternion))
-        self.turn_rad = unstack(jnp.asarray(relative_turns(quaternion)))
+        turn = relative_turns(quaternion)
+        angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+        self.turn_axis = unstack(jnp.asarray(turn / np.where(angle > 0, angle, 1.0)))
+        self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
         self.max_gap_s = float(max_gap_s)
         self.delay_s = delay_s
         self.attitude_delay_s = attitude_delay_s
@@ -129,8 +133,9 @@ class Trajectory(AbstractLink):
         if not is_structural(self.attitude_delay_s, 0):
             i, w, _ = self.knots.locate(t + self.attitude_delay_s)
         start: Quaternion = tuple(take(q, i) for q in self.quaternion)
-        part: Vec3 = tuple(w * take(r, i) for r in self.turn_rad)
-        return Pose(rotation_from_quaternion(quaternion_product(start, quaternion_from_vector(part))), translation)
+        sine, cosine = sincos(w * take(self.half_turn_rad, i))
+        part: Quaternion = (*(sine * take(axis, i) for axis in self.turn_axis), cosine)
+        return Pose(rotation_from_quaternion(quaternion_product(start, part)), translation)
 
     def _position(self, i, w, length) -> Vec3:
         before, after = (tuple(take(p, i + k) for p in self.position_m) for k in (0, 1))

@@ -3,8 +3,6 @@
 World frame: ECEF, EPSG:4978; geodetic latitude, longitude and ellipsoidal height, EPSG:4979. Constants: NIMA TR8350.2.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -28,7 +26,7 @@ def ecef_from_geodetic(lat_rad: Component, lon_rad: Component, height_m: Compone
     return r * cl, r * sl, (n * (1 - ECCENTRICITY2) + height_m) * s
 
 
-def _parametric(p: Component, z: Component, passes: int) -> tuple[Component, Component]:
+def _parametric(p: Component, z: Component) -> tuple[Component, Component]:
     """Sine and cosine of the geodetic latitude of a meridian-plane point, p >= 0.
 
     Bowring (1976): tan(phi) = (z + e'^2 b sin^3(beta)) / (p - e^2 a cos^3(beta)), tan(beta) = (1 - f) tan(phi), iterated on
@@ -36,7 +34,7 @@ def _parametric(p: Component, z: Component, passes: int) -> tuple[Component, Com
     surface to beyond geostationary orbit; three leave rounding.
     """
     s, c = SEMI_MAJOR_M * z, SEMI_MINOR_M * p
-    for _ in range(passes):
+    for _ in range(3):
         w = jax.lax.rsqrt(s * s + c * c)
         s, c = s * w, c * w
         s, c = (
@@ -53,26 +51,25 @@ def _height(p: Component, z: Component, s: Component, c: Component) -> Component
     return p * c + z * s - SEMI_MAJOR_M * jnp.sqrt(1 - ECCENTRICITY2 * s * s)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(3,))
-def height_and_up(x: Component, y: Component, z: Component, passes: int = 3) -> tuple[Component, Component, Component, Component]:
+@jax.custom_jvp
+def height_and_up(x: Component, y: Component, z: Component) -> tuple[Component, Component, Component, Component]:
     """Geodetic height in metres and the unit normal of the ellipsoid (up) of an ECEF point, without trigonometry.
 
     The derivative of the height is the normal, exactly; the normal's own derivative (the curvature of the Earth, 1.6e-7 a
-    metre) is carried too, so that derivatives of any order exist. One of the three `passes` is enough for a height near the
-    surface: its error is of second order in that of the latitude, 1e-9 m up to 500 km.
+    metre) is carried too, so that derivatives of any order exist.
     """
     p = jnp.sqrt(x * x + y * y)
-    s, c = _parametric(p, z, passes)
+    s, c = _parametric(p, z)
     at_pole = p == 0
     w = c / jnp.where(at_pole, 1.0, p)
     return _height(p, z, s, c), x * w, y * w, s
 
 
 @height_and_up.defjvp
-def _height_and_up_jvp(passes, primals, tangents):
+def _height_and_up_jvp(primals, tangents):
     x, y, z = primals
     dx, dy, dz = tangents
-    height, ux, uy, uz = height_and_up(x, y, z, passes)
+    height, ux, uy, uz = height_and_up(x, y, z)
     c2 = ux * ux + uy * uy
     rise = ux * dx + uy * dy + uz * dz
     # Up turns by the tangential displacement over the principal radii: meridian M + h, prime vertical N + h.
@@ -98,7 +95,7 @@ def geodetic_from_ecef(x: Component, y: Component, z: Component) -> tuple[Compon
     everywhere. At a pole the longitude is not defined; it is returned as atan2(y, x), and its derivative as zero.
     """
     p = jnp.sqrt(x * x + y * y)
-    s, c = _parametric(p, z, 3)
+    s, c = _parametric(p, z)
     return jnp.arctan2(s, c), jnp.arctan2(y, x), _height(p, z, s, c)
 
 
