@@ -115,7 +115,8 @@ def ground_to_image(
     """Where and when a ground point is imaged.
 
     A frame camera needs no window: the point is projected at the shot's time. For a line camera the time is searched between the
-    two ends of the window (one swing, one strip), which the trajectory has to cover without a gap.
+    two ends of the window (one swing, one strip), which the trajectory has to cover without a gap, and in which the point is seen
+    once: one that crosses the line twice counts as outside the swath, so give a narrower window.
 
     **Arguments:**
 
