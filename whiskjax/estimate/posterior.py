@@ -96,7 +96,5 @@ def posterior(
     with np.errstate(invalid="ignore"):
         correlation = whitened / np.outer(sigma_u, sigma_u)
     share = np.where(has_prior, 1 - sigma_u**2, np.nan)
-    directions = tuple(
-        {names[int(i)]: float(v[i]) for i in np.argsort(-np.abs(v)) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null * scale)
-    )
+    directions = tuple({names[i]: float(v[i]) for i in range(k) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null * scale))
     return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, condition)

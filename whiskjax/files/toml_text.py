@@ -20,7 +20,7 @@ def _table(path: str, table: dict[str, Any]) -> str:
     plain = {k: v for k, v in table.items() if not _is_table(v) and not _is_tables(v)}
     text = tomli_w.dumps(plain)
     for pattern in (_FLAT_LIST, _NESTED_LIST):
-        text = pattern.sub(lambda match: "[" + ", ".join(line.strip(" ,") for line in match[1].splitlines()) + "]", text)
+        text = pattern.sub(lambda match: "[" + ", ".join(line.strip(" ,") for line in match[1].split("\n") if line) + "]", text)
     for key, value in table.items():
         name = path + ("." if path else "") + tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
         if _is_table(value):
