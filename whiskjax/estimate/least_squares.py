@@ -9,6 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
@@ -50,10 +51,10 @@ def _rows(problem: Problem, group: Group, acting: Int[Array, " acting"], u: Floa
     """Residual components of a group and their derivatives by the unknowns that act on it: two rows of n, two of (acting, n)."""
 
     def of(v):
-        return residual(group, problem.put(u.at[acting].set(v)))
+        return residual(group, problem.put(v))
 
-    value = of(u[acting])
-    columns = jax.vmap(lambda e: jax.jvp(of, (u[acting],), (e,))[1])(jnp.eye(acting.shape[0]))
+    value = of(u)
+    columns = jax.vmap(lambda e: jax.jvp(of, (u,), (e,))[1])(jnp.eye(u.shape[0])[acting, :])
     return value, columns
 
 
@@ -79,10 +80,13 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
         weight = 1.0
         if problem.loss is not None:
             weight = jnp.sqrt(problem.loss.weight(value[0] * value[0] + value[1] * value[1]))
-        index = jnp.asarray((*acting, m), dtype=jnp.int32)
+        # Where each unknown stands in the product; those that do not act find its last row, which is zero. (Adding to a part
+        # of the matrix is a scatter, which costs as much as the product.)
+        place = np.full(m + 1, len(acting) + 1)
+        place[[*acting, m]] = np.arange(len(acting) + 1)
         for r, column in zip(value, columns, strict=True):
             rows = jnp.concatenate([column, r[None]]) * weight
-            normal = normal.at[index[:, None], index[None, :]].add(rows @ rows.T)
+            normal = normal + jnp.pad(rows @ rows.T, (0, 1))[place[:, None], place[None, :]]
     return normal
 
 

@@ -104,7 +104,7 @@ def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2
 
 def _padded(n: int) -> int:
     """A size of which there are only a few: 8 steps to each doubling."""
-    step = max(8, 2 ** max(0, int(np.ceil(np.log2(n))) - 3))
+    step = max(8, 2 ** max(0, int(np.log2(n)) - 3))
     return int(-(-n // step) * step)
 
 
