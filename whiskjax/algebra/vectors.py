@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 # Float[Array, "..."] or one of the ints 0, 1, -1; which of them is decided while tracing, where a type checker cannot follow.
@@ -115,7 +116,9 @@ def matmul(m: Sequence[Sequence[Component]], n: Sequence[Sequence[Component]]) -
 
 
 def unstack(x: Float[ArrayLike, "... n"]) -> tuple[Float[Array, "..."], ...]:
-    """Components of an array along its last axis."""
+    """Components of an array along its last axis; numpy takes its own arrays apart, without a compiled function for each."""
+    if isinstance(x, np.ndarray):
+        return tuple(jnp.asarray(np.array(x[..., i])) for i in range(x.shape[-1]))
     x = jnp.asarray(x)
     return tuple(x[..., i] for i in range(x.shape[-1]))
 

@@ -81,12 +81,12 @@ class Trajectory(AbstractLink):
                     f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
                 )
         quaternion = sign_continuous(unit_quaternions(quaternion, "trajectory: the quaternion of sample"))
-        self.position_m = unstack(jnp.asarray(position))
-        self.velocity_mps = None if velocity is None else unstack(jnp.asarray(velocity))
-        self.quaternion = unstack(jnp.asarray(quaternion))
+        self.position_m = unstack(position)
+        self.velocity_mps = None if velocity is None else unstack(velocity)
+        self.quaternion = unstack(quaternion)
         turn = relative_turns(quaternion)
         angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-        self.turn_axis = unstack(jnp.asarray(turn / np.where(angle > 0, angle, 1.0)))
+        self.turn_axis = unstack(turn / np.where(angle > 0, angle, 1.0))
         self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
         self.max_gap_s = float(max_gap_s)
         self.delay_s = delay_s
@@ -190,8 +190,8 @@ class PosePerImage(AbstractLink):
             if not np.isfinite(value).all():
                 raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
         quaternion = unit_quaternions(quaternion, "poses: the quaternion of image")
-        self.position_m = unstack(jnp.asarray(position))
-        self.quaternion = unstack(jnp.asarray(quaternion))
+        self.position_m = unstack(position)
+        self.quaternion = unstack(quaternion)
         self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
         self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
 

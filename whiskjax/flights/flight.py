@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
@@ -171,6 +171,11 @@ class Flight:
         variance = np.asarray(self.points.sigma_enu_m) ** 2
         if self.world.kind == "local":
             return variance[:, :, None] * np.eye(3)
-        lat, lon, _ = ecef_to_geodetic(jnp.asarray(np.nan_to_num(self.points.position_m, nan=6.4e6)))
-        to_world = np.asarray(enu_rotation(lat, lon))
+        to_world = np.asarray(_ecef_from_enu(np.nan_to_num(self.points.position_m, nan=6.4e6)))
         return np.einsum("nij,nj,nkj->nik", to_world, variance, to_world)
+
+
+@jax.jit
+def _ecef_from_enu(point_m: Float[ArrayLike, "n 3"]) -> Float[Array, "n 3 3"]:
+    lat, lon, _ = ecef_to_geodetic(point_m)
+    return enu_rotation(lat, lon)
