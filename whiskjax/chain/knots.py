@@ -27,6 +27,7 @@ class Knots(eqx.Module):
     is_gap: Bool[Array, " n-1"]
     before_bucket: Int[Array, " m"]
     buckets_per_s: Float[Array, ""]
+    one: Float[Array, ""]  # a number that the compiler does not know
     steps: int = eqx.field(static=True)
 
     def __init__(self, time_s: Float[ArrayLike, " n"], max_gap_s: float, what: str):
@@ -66,6 +67,7 @@ class Knots(eqx.Module):
         self.is_gap = jnp.asarray(steps > max_gap_s)
         self.before_bucket = jnp.asarray(before[:-1], dtype=jnp.int32)
         self.buckets_per_s = jnp.asarray(buckets / span)
+        self.one = jnp.asarray(1.0)
         self.steps = int((after[1:] - before[:-1]).max())
 
     def _interval(self, t: Float[Array, "..."]) -> Int[Array, "..."]:
@@ -77,7 +79,9 @@ class Knots(eqx.Module):
         i = take(self.before_bucket, jnp.clip(bucket, 0, self.before_bucket.shape[0] - 1))
         for _ in range(self.steps):
             i = jnp.minimum(i + (take(self.time_s, i + 1) <= t).astype(jnp.int32), last)
-        return i
+        # XLA on the CPU repeats the whole search in each of the gathers that use the index (an optimization barrier does not stop
+        # it), but it never repeats a division.
+        return (i.astype(jnp.float64) / self.one).astype(jnp.int32)
 
     def locate(self, t: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
         """Index of the sample at or before each time, the fraction of the interval that has passed, and its length in seconds.
@@ -91,9 +95,9 @@ class Knots(eqx.Module):
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""
-        i = self._interval(t)
+        i, w, _ = self.locate(t)
         outside = ~((t >= self.time_s[0]) & (t <= self.time_s[-1]))
-        gap = take(self.is_gap, i) & (t > take(self.time_s, i)) & (t < take(self.time_s, i + 1))
+        gap = take(self.is_gap, i) & (w > 0) & (w < 1)
         return choose(
             outside,
             RESULTS.time_outside_trajectory,
