@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.angles import sincos
+from ..algebra.angles import SMALL_RAD, sincos, sincos_of_small
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
@@ -40,6 +40,7 @@ class Trajectory(AbstractLink):
     quaternion: Quaternion
     turn_axis: Vec3  # from each sample to the next, in the body frame: unit axis, each (n - 1,), zero where nothing turns
     half_turn_rad: Float[Array, " n-1"]
+    turns_are_small: bool = eqx.field(static=True)
     max_gap_s: float = eqx.field(static=True)
     delay_s: Component = eqx.field(converter=as_parameter)
     attitude_delay_s: Component = eqx.field(converter=as_parameter)
@@ -88,6 +89,7 @@ class Trajectory(AbstractLink):
         angle = np.linalg.norm(turn, axis=-1, keepdims=True)
         self.turn_axis = unstack(turn / np.where(angle > 0, angle, 1.0))
         self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
+        self.turns_are_small = bool((0.5 * angle < SMALL_RAD).all())
         self.max_gap_s = float(max_gap_s)
         self.delay_s = delay_s
         self.attitude_delay_s = attitude_delay_s
@@ -133,7 +135,8 @@ class Trajectory(AbstractLink):
         if not is_structural(self.attitude_delay_s, 0):
             i, w, _ = self.knots.locate(t + self.attitude_delay_s)
         start: Quaternion = tuple(take(q, i) for q in self.quaternion)
-        sine, cosine = sincos(w * take(self.half_turn_rad, i))
+        half_turn = w * take(self.half_turn_rad, i)
+        sine, cosine = sincos_of_small(half_turn) if self.turns_are_small else sincos(half_turn)
         part: Quaternion = (*(sine * take(axis, i) for axis in self.turn_axis), cosine)
         return Pose(rotation_from_quaternion(quaternion_product(start, part)), translation)
 
