@@ -6,6 +6,7 @@ length, geometry, noise) is chosen so that what it does print is reproduced.
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -175,6 +176,7 @@ def _segments(hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return time, start, left
 
 
+@functools.cache  # the scan is the same in every flight, and half of the time that building one takes
 def _encoders(hz: float) -> tuple[Encoder, Encoder]:
     time, start, left = _segments(hz)
     scan, pitch = Path.scan(time, start, left)
