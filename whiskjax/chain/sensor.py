@@ -44,6 +44,22 @@ class Sensor(eqx.Module):
             raise WhiskjaxError(f"no link named {name!r}; there are {', '.join(self.names)} and camera")
         return self.links[self.names.index(name)]
 
+    def after(self, frame: str, name: str, link: AbstractLink) -> "Sensor":
+        """The same sensor with one more link behind the frame `frame`: a correction at that joint, say.
+
+        **Raises:** `WhiskjaxError` where there is no such frame, or the name is taken.
+        """
+        if frame not in self.names:
+            raise WhiskjaxError(f"no frame named {frame!r}; there are {', '.join(self.names)}")
+        if name in self.names:
+            raise WhiskjaxError(f"there is already a link named {name!r}; give the new one another name")
+        links: dict[str, AbstractLink] = {}
+        for known, existing in zip(self.names, self.links, strict=True):
+            links[known] = existing
+            if known == frame:
+                links[name] = link
+        return Sensor(links, self.camera)
+
     def key_names(self) -> dict[str, tuple[str, ...]]:
         """The names of the options behind each key that some link or the camera asks for; the shot holds their index.
 

@@ -5,13 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from jax.scipy.special import gammaincc
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from ..chain.shot import KEYS
+from .observations import Observations
 from .posterior import Posterior
 from .unknown import Unknown
 
 _CORRELATED, _INSEPARABLE = 0.9, 0.95
-_PRIOR_ONLY = 0.05
+_PRIOR_ONLY, _MOSTLY_DATA = 0.05, 0.5
 _UNLIKELY = 1e-4
 
 
@@ -43,9 +45,17 @@ def warnings_of(
     """
     said = []
     names = [x.name for x in unknowns]
+    alone = [next(iter(direction)) for direction in posterior.null_space if len(direction) == 1]
+    if alone:
+        said.append(f"no control observation depends on {', '.join(alone)}")
     for direction in posterior.null_space:
         parts = " ".join(f"{v:+.2g} {name}" for name, v in direction.items())
-        said.append(f"the data alone do not determine {', '.join(direction)}: moving along {parts} changes no residual")
+        if len(direction) > 1:
+            said.append(f"the data alone do not determine {', '.join(direction)}: moving along {parts} changes no residual")
+    if posterior.null_space:
+        well = [name for name, share in zip(names, posterior.data_share, strict=True) if share > _MOSTLY_DATA]
+        which = f"mostly from the data come {', '.join(well)}" if well else "no unknown comes mostly from the data"
+        said.append(f"the data alone determine {posterior.rank} of {len(names)} combinations of the unknowns; {which}")
     if tail <= _UNLIKELY:
         said.append(
             f"the residuals are {math.sqrt(factor):.2f} times as large as their sigmas say (chance: {tail:.0e}): "
@@ -64,3 +74,20 @@ def warnings_of(
         if not np.isnan(share) and abs(away) > 3:
             said.append(f"{name} ended {abs(away):.1f} prior sigmas from its prior mean")
     return said
+
+
+def repeated(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[str]:
+    """What to say of observations that are copies of one another: each counts as a measurement of its own, which it is not.
+
+    **Arguments:** `used`: observations that decided.
+    """
+    index = np.flatnonzero(used)
+    keys = [key for key in ("time_s", *KEYS) if observations.key(key) is not None]
+    what = np.column_stack([observations.point_m, observations.pixel_px, *(observations.key(key) for key in keys)])[index]
+    _, first, copies = np.unique(what, axis=0, return_index=True, return_counts=True)
+    groups = [(observations.label(int(index[i])), int(c)) for i, c in zip(first, copies, strict=True) if c > 1]
+    if not groups:
+        return []
+    label, c = groups[0]
+    more = f", and {len(groups) - 1} more have copies" if len(groups) > 1 else ""
+    return [f"{label} is given {c} times{more}: copies count as independent measurements, so sigmas come out too small"]

@@ -72,9 +72,10 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
     One product for each image axis: a Jacobian stacked from rows makes XLA compute the chain again for each row.
     """
     m = u.shape[0]
-    normal = jnp.zeros((m + 1, m + 1)).at[jnp.arange(m), jnp.arange(m)].set(problem.prior)
-    normal = normal.at[:m, m].set(problem.prior * u).at[m, :m].set(problem.prior * u)
-    for group in problem.groups:
+    pull = jnp.append(problem.prior, 0.0)[:, None] * jnp.eye(m + 1)
+    pull = pull.at[:m, m].set(problem.prior * u)
+    normal = pull.T @ pull
+    for group in (g for g in problem.groups if g.decides):
         acting = problem.acting(group)
         value, columns = _rows(problem, group, jnp.asarray(acting, dtype=jnp.int32), u)
         weight = 1.0
@@ -95,11 +96,25 @@ def gauss_newton(problem: Problem, start: Float[Array, " unknowns"], steps: int 
 
     For whitened unknowns with priors, whose normal matrix is at least the identity; 4 to 7 steps reach rounding.
     """
+    return descend(problem, start, steps).u
+
+
+class Descent(NamedTuple):
+    """Where the last step led, the step, and the normal equations (of [J | r]) that it solved."""
+
+    u: Float[Array, " unknowns"]
+    step: Float[Array, " unknowns"]
+    normal: Float[Array, "unknowns+1 unknowns+1"]
+
+
+def descend(problem: Problem, start: Float[Array, " unknowns"], steps: int) -> Descent:
+    """`gauss_newton` with what its last step knew."""
     m = start.shape[0]
 
-    def step(_, u):
-        normal = normal_equations(problem, u)
+    def step(_, here: Descent) -> Descent:
+        normal = normal_equations(problem, here.u)
         factor = jax.scipy.linalg.cho_factor(normal[:m, :m])
-        return u - jax.scipy.linalg.cho_solve(factor, normal[:m, m])
+        change = -jax.scipy.linalg.cho_solve(factor, normal[:m, m])
+        return Descent(here.u + change, change, normal)
 
-    return jax.lax.fori_loop(0, steps, step, start)
+    return jax.lax.fori_loop(0, steps, step, Descent(start, jnp.zeros(m), jnp.zeros((m + 1, m + 1))))

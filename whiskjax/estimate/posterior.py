@@ -36,6 +36,12 @@ class Posterior:
         """Whether observations and priors together determine every unknown."""
         return bool(np.isfinite(self.sigma).all())
 
+    def widened(self, extra: Float[np.ndarray, "k k"]) -> "Posterior":
+        """The same with a further covariance; what the data said (shares, rank, null space) stays."""
+        covariance = self.covariance + extra
+        sigma = np.sqrt(np.diag(covariance))
+        return dataclasses.replace(self, covariance=covariance, sigma=sigma, correlation=covariance / np.outer(sigma, sigma))
+
 
 def _null_space(jacobian: Float[np.ndarray, "rows k"]) -> tuple[int, Float[np.ndarray, "nullity k"], float]:
     """Structural rank, an orthonormal null space and the condition number of the column-scaled Jacobian."""
@@ -66,7 +72,7 @@ def _separate(null: Float[np.ndarray, "nullity k"]) -> Float[np.ndarray, "nullit
 def posterior(
     jacobian: Float[np.ndarray, "rows k"],
     scale: Float[np.ndarray, " k"],
-    has_prior: np.ndarray,
+    prior: Float[np.ndarray, " k"],
     names: Sequence[str],
 ) -> Posterior:
     """Posterior of whitened least squares.
@@ -74,13 +80,13 @@ def posterior(
     **Arguments:**
 
     - `jacobian`: of the whitened observation residuals by the whitened unknowns, priors left out.
-    - `scale`: prior sigma or scale of each unknown, in its own unit.
-    - `has_prior`: whether the scale is a prior sigma.
+    - `scale`: what one whitened unit is, in the unknown's own unit.
+    - `prior`: scale over prior sigma, 0 without a prior.
     - `names`: of the unknowns.
     """
     k = len(scale)
     rank, null, condition = _null_space(jacobian)
-    full = np.concatenate([jacobian, np.diag(has_prior.astype(float))[has_prior]])
+    full = np.concatenate([jacobian, np.diag(prior)[prior > 0]])
     total_rank, total_null, _ = _null_space(full)
     if total_rank < k:
         # Unknowns with a part in the null space of everything have no variance; the others keep theirs (pseudo-inverse).
@@ -95,6 +101,6 @@ def posterior(
     covariance = whitened * np.outer(scale, scale)
     with np.errstate(invalid="ignore"):
         correlation = whitened / np.outer(sigma_u, sigma_u)
-    share = np.where(has_prior, 1 - sigma_u**2, np.nan)
+        share = np.where(prior > 0, 1 - (prior * sigma_u) ** 2, np.nan)
     directions = tuple({names[i]: float(v[i]) for i in range(k) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null * scale))
     return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, condition)

@@ -31,13 +31,14 @@ class Group(eqx.Module):
     """Observations that are imaged by the same code; keys that are Python ints choose links and cameras before tracing.
 
     `weight` is the lower triangle (w00, w10, w11) that whitens the residual; zero for padding, so that the number of observations
-    is not part of what is compiled.
+    is not part of what is compiled. A group of check points `decides` nothing: normal equations pass it by.
     """
 
     shot: Shot
     point: Vec3
     pixel: Vec2
     weight: tuple[Component, ...]
+    decides: bool = eqx.field(static=True, default=True)
 
 
 class Problem(eqx.Module):
@@ -47,7 +48,7 @@ class Problem(eqx.Module):
     groups: tuple[Group, ...]
     mean: Float[Array, " unknowns"]
     scale: Float[Array, " unknowns"]
-    prior: Float[Array, " unknowns"]  # 1 where there is a prior, 0 where there is none
+    prior: Float[Array, " unknowns"]  # scale over prior sigma, 0 without a prior
     loss: AbstractLoss | None
     places: Places = eqx.field(static=True)
 
@@ -111,23 +112,24 @@ def _padded(n: int) -> int:
 def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
     told_apart = sensor.key_names()
     choosing = [key for key in KEYS if split and key in told_apart]
-    codes = np.zeros((len(observations), len(choosing)), dtype=int)
+    codes = np.zeros((len(observations), len(choosing) + 1), dtype=int)
     for j, key in enumerate(choosing):
         value = observations.key(key)
         if value is None:
             raise WhiskjaxError(f"the sensor tells its {key}s apart, but the observations carry no {key}")
         codes[:, j] = value
+    codes[:, -1] = observations.is_control if split else True
     groups, indices = [], []
     for code in np.unique(codes, axis=0):
         index = np.flatnonzero((codes == code).all(axis=1))
         padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
-        fields: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=True)}
+        fields: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=False)}
         for key in ("time_s", *KEYS):
             if key not in choosing and (value := observations.key(key)) is not None:
                 fields[key] = value[padded]
         zero = np.zeros((len(padded), 3))
         columns = (_columns(a) for a in (observations.point_m[padded], observations.pixel_px[padded], zero))
-        groups.append(Group(Shot(**fields), *columns))
+        groups.append(Group(Shot(**fields), *columns, decides=bool(code[-1])))
         indices.append(index)
     return tuple(groups), indices
 
@@ -147,8 +149,8 @@ def pose_problem(
 
     **Arguments:**
 
-    - `split`: make one group for each swing, view and image that the sensor tells apart. Then only the unknowns that act on it
-      are differentiated for it, which is fastest to run; one group for all is fastest to compile.
+    - `split`: make one group for each swing, view and image that the sensor tells apart, check points by themselves. Then only
+      the unknowns that act on a group are differentiated for it, which is fastest to run; one group is fastest to compile.
 
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
@@ -186,4 +188,12 @@ def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> 
     out = np.zeros((n, *first.shape[:-1]), dtype=first.dtype)
     for group, index in zip(groups, indices, strict=True):
         out[index] = np.moveaxis(np.asarray(group)[..., : len(index)], -1, 0)
+    return out
+
+
+def by_observation_of_runs(groups: Sequence[Any], indices: list[np.ndarray]) -> np.ndarray:
+    """Back from arrays (runs, ..., padded) of each group to one array (runs, n, ...)."""
+    out = np.zeros((groups[0].shape[0], sum(map(len, indices)), *groups[0].shape[1:-1]))
+    for group, index in zip(groups, indices, strict=True):
+        out[:, index] = np.moveaxis(np.asarray(group)[..., : len(index)], -1, 1)
     return out

@@ -1,0 +1,266 @@
+"""Thousands of calibrations in one call, through the same chain as one.
+
+A lane is a calibration. Lanes are solved by a fixed number of Gauss-Newton steps in small chunks (a Levenberg-Marquardt under
+vmap runs to its slowest lane and pays for both of its branches), shares of them side by side on all cores. Runs are read,
+prepared and forgotten share by share, so that memory does not grow with their number.
+"""
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..chain.sensor import Sensor
+from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
+from ..rules.results import codes_of, failure_if
+from .adjustment import Ready, pixels, prepare, refuse
+from .least_squares import descend
+from .observations import Observations
+from .problem import Problem, by_observation_of_runs
+from .unknown import Unknown
+
+_SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
+_CONVERGED = 1e-6  # the last step, in prior sigmas: the error that is left is smaller by orders of magnitude
+
+
+class Lanes(eqx.Module):
+    """Solved lanes, whitened; `cost` is the sum of squared whitened residuals and priors, `residual_px` (lanes, 2, n) a group."""
+
+    u: Float[Array, "lanes k"]
+    covariance: Float[Array, "lanes k k"]
+    cost: Float[Array, " lanes"]
+    residual_px: tuple[Float[Array, "lanes 2 n"], ...]
+    result: RESULTS
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """Calibrations in the order of their runs; values in the units of the fields, residuals measured - projected in pixels.
+
+    `result` holds a code for each run; where it is not a success the values of that run are not to be used.
+    """
+
+    unknowns: tuple[Unknown, ...]
+    value: Float[np.ndarray, "runs k"]
+    covariance: Float[np.ndarray, "runs k k"]
+    cost: Float[np.ndarray, " runs"]
+    degrees_of_freedom: int
+    residual_before_px: Float[np.ndarray, "runs n 2"]
+    residual_after_px: Float[np.ndarray, "runs n 2"]
+    result: RESULTS
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "runs k"]:
+        """1-sigma of each unknown."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def is_successful(self) -> np.ndarray:
+        """Which runs ended well, (runs,)."""
+        return codes_of(self.result) == 0
+
+
+def solve_lanes(
+    problem: Problem, start: Float[Array, "*lanes k"], steps: int = 6, chunk: int = 25, common: Problem | None = None
+) -> Lanes:
+    """Solve many baked problems of one shape; pure, to be compiled by the caller.
+
+    **Arguments:**
+
+    - `problem`: every array has a leading axis of lanes.
+    - `start`: whitened; (lanes, k), or (k,) for all.
+    - `steps`: of Gauss-Newton.
+    - `chunk`: lanes that are computed side by side; 10 to 50 run alike.
+    - `common`: arrays that all lanes share, where `problem` has None.
+    """
+    arrays, static = eqx.partition(problem if start.ndim == 1 else (problem, start), eqx.is_array)
+
+    def lane(arrays) -> Lanes:
+        one = eqx.combine(arrays, static)
+        own, first = (one, start) if start.ndim == 1 else one
+        return _solve(own if common is None else eqx.combine(own, common), first, steps)
+
+    return jax.lax.map(lane, arrays, batch_size=chunk)
+
+
+def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
+    m = start.shape[0]
+    u, step, normal = descend(problem, start, steps)
+    root = jnp.linalg.cholesky(normal[:m, :m])
+    inverse = jax.scipy.linalg.solve_triangular(root, jnp.eye(m), lower=True)
+    result = first_failure(
+        failure_if(~jnp.isfinite(normal).all(), RESULTS.nonfinite),
+        failure_if(~jnp.isfinite(root).all(), RESULTS.rank_deficient),
+        failure_if(~(jnp.abs(step).max() < _CONVERGED), RESULTS.not_converged),
+    )
+    after = tuple(pixels(problem, group, u)[0] for group in problem.groups)
+    # The last step went to the minimum of the quadratic whose value at its start is the corner of the normal matrix.
+    return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
+
+
+_compiled = eqx.filter_jit(solve_lanes)
+
+
+def calibrate_batch(
+    runs: Iterable[tuple[Sensor, Observations]], unknowns: Sequence[Unknown], *, steps: int = 6, chunk: int = 25
+) -> Batch:
+    """Calibrate every run: other seeds, other truths, other flights, of one instrument and one layout of points.
+
+    The same estimate as `calibrate`, to 1e-8 of a prior sigma, without its diagnosis.
+
+    **Arguments:**
+
+    - `runs`: (sensor, observations) of each run; may be a generator, and then no more than some hundreds are held at a time. All
+      have the same chain, and as many control and check points of each swing, view and image.
+    - `unknowns`: the same for all runs.
+    - `steps`, `chunk`: see `solve_lanes`.
+
+    **Returns:** `Batch`.
+
+    **Raises:** `WhiskjaxError` where there is no run, or one of another shape than the first, by its number.
+    """
+    require_x64("calibrate_batch")
+
+    def shares() -> Iterator[tuple[_Share, Problem, Array, None]]:
+        count, shape = 0, None
+        runs_left = iter(runs)
+        while share := list(itertools.islice(runs_left, _SHARE)):
+            ready = []
+            for number, (sensor, observations) in enumerate(share, start=count):
+                ready.append(prepare(sensor, observations, unknowns, None, split=True))
+                shape = shape or _shape(ready[0])
+                if _shape(ready[-1]) != shape:
+                    raise WhiskjaxError(
+                        f"calibrate_batch: run {number} has another chain or other numbers of points than run 0; "
+                        "runs of one call share both (mark points as check points to leave them out of all)"
+                    )
+            count += len(share)
+            stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
+            start = np.stack([one.start for one in ready])
+            before = np.stack([one.before_px for one in ready])
+            unseen = np.stack([np.where(one.observations.is_control, one.unseen, 0).max() for one in ready])
+            yield _Share(ready[0], before, unseen), stacked, start, None
+
+    return _gather(shares(), unknowns, steps, chunk)
+
+
+def calibrate_redrawn(
+    sensor: Sensor,
+    observations: Observations,
+    unknowns: Sequence[Unknown],
+    pixel_px: Float[np.ndarray, "runs n 2"],
+    *,
+    steps: int = 6,
+    chunk: int = 25,
+) -> Batch:
+    """Calibrate one flight again and again, with other image measurements: new noise, or images of other truths.
+
+    Only the measurements differ between lanes, so that ten thousand runs take about a second.
+
+    **Arguments:** as `calibrate_batch`; `pixel_px`: the measurements of each run in place of those of `observations`.
+
+    **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
+    """
+    require_x64("calibrate_redrawn")
+    pixel_px = np.asarray(pixel_px)
+    if pixel_px.ndim != 3 or pixel_px.shape[1:] != observations.pixel_px.shape or len(pixel_px) == 0:
+        raise WhiskjaxError(f"pixel_px has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2)")
+    ready = prepare(sensor, observations, unknowns, None, split=True)
+    refuse(ready.unseen, observations)
+    problem = _on_host(ready)
+
+    def pixel_of(problem: Problem) -> list:
+        return [group.pixel for group in problem.groups]
+
+    common = eqx.tree_at(pixel_of, problem, [(None, None)] * len(problem.groups))
+    nothing = jax.tree.map(lambda _: None, problem)
+
+    groups = zip(problem.groups, ready.indices, strict=True)
+    padded = [np.concatenate([i, np.full(len(group.pixel[0]) - len(i), i[0])]) for group, i in groups]
+
+    def shares() -> Iterator[tuple[_Share, Problem, Array, Problem]]:
+        for first in range(0, len(pixel_px), _SHARE):
+            drawn = pixel_px[first : first + _SHARE]
+            own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=lambda x: x is None)
+            before = ready.before_px + drawn - observations.pixel_px
+            yield _Share(ready, before, np.zeros(len(drawn), dtype=np.int32)), own, ready.start, common
+
+    return _gather(shares(), unknowns, steps, chunk)
+
+
+class _Share(NamedTuple):
+    """What the solver does not need: the layout of the runs, their residuals before, and failure codes of control points."""
+
+    layout: Ready
+    before_px: Float[np.ndarray, "lanes n 2"]
+    unseen: Int[np.ndarray, " lanes"]
+
+
+def _gather(
+    shares: Iterable[tuple[_Share, Problem, Any, Problem | None]], unknowns: Sequence[Unknown], steps: int, chunk: int
+) -> Batch:
+    """Solve shares side by side as they come, and put them together."""
+    cores = len(os.sched_getaffinity(0))
+    done: list[tuple[_Share, Future[Lanes]]] = []
+    # One worker more than cores: each leaves a gap whenever it waits for XLA's own pool.
+    with ThreadPoolExecutor(cores + 1 if cores > 1 else 1) as pool:
+        for share, problem, start, common in shares:
+            job = pool.submit(_finished, problem, start, steps, chunk, common)
+            done.append((share, job))
+            if len(done) == 1:
+                job.result()  # compiles; the others find it compiled
+            elif len(done) > 2 * cores:
+                done[-2 * cores][1].result()  # do not run ahead of the workers: what waits is held in memory
+    if not done:
+        raise WhiskjaxError("calibrate_batch: there are no runs")
+    layout = done[0][0].layout
+    solved = [job.result() for _, job in done]
+    u, covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("u", "covariance", "cost"))
+    after = [by_observation_of_runs(lanes.residual_px, layout.indices) for lanes in solved]
+    unseen = np.concatenate([share.unseen for share, _ in done])
+    codes = np.concatenate([codes_of(lanes.result) for lanes in solved])
+    used = int(layout.observations.is_control.sum())
+    return Batch(
+        unknowns=tuple(unknowns),
+        value=layout.values(u),
+        covariance=covariance * np.outer(layout.scale, layout.scale),
+        cost=cost,
+        degrees_of_freedom=2 * used + int((layout.prior > 0).sum()) - len(unknowns),
+        residual_before_px=np.concatenate([share.before_px for share, _ in done]),
+        residual_after_px=np.concatenate(after),
+        result=jax.tree.map(lambda _: np.where(unseen != 0, unseen, codes), RESULTS.successful),
+    )
+
+
+def _finished(problem: Problem, start: Any, steps: int, chunk: int, common: Problem | None) -> Lanes:
+    """Lanes as numpy arrays; a last, shorter share is filled up, so that nothing is compiled for its length."""
+    lanes = problem.groups[0].pixel[0].shape[0]
+    fill = np.minimum(np.arange(-(-lanes // chunk) * chunk), lanes - 1)
+    problem = jax.tree.map(lambda a: a[fill] if isinstance(a, np.ndarray) else a, problem)
+    start = start if start.ndim == 1 else start[fill]
+    solved = _compiled(problem, jnp.asarray(start), steps, chunk, common)
+    return jax.tree.map(lambda a: np.asarray(a)[:lanes], solved)
+
+
+def _shape(ready: Ready) -> tuple:
+    """What runs of one call have in common: the chain, its arrays' shapes, and which observations are whose."""
+    leaves, tree = jax.tree.flatten(ready.problem)
+    arrays = tuple(leaf.shape if eqx.is_array(leaf) else leaf for leaf in leaves)
+    return tree, arrays, tuple(tuple(index) for index in ready.indices)
+
+
+def _on_host(ready: Ready) -> Problem:
+    """The problem with numpy arrays; exact zeros and ones of the chain stay numbers."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, ready.problem)
+
+
+def _stack(*leaves: Any) -> Any:
+    return np.stack(leaves) if isinstance(leaves[0], np.ndarray) else leaves[0]

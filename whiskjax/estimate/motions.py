@@ -1,0 +1,53 @@
+"""Unknowns of the corrections at a joint: biases, drifts and processes, an unknown for each coefficient and axis."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+
+from ..chain.by import By
+from ..chain.correction import Correction
+from ..chain.sensor import Sensor
+from ..rules import WhiskjaxError
+from .unknown import Unknown
+
+_FIELDS = ("turn_rad", "shift_m")
+
+
+def motion_unknowns(
+    sensor: Sensor,
+    link: str,
+    *,
+    turn_sigma_rad: Sequence[float] = (0.0, 0.0, 0.0),
+    shift_sigma_m: Sequence[float] = (0.0, 0.0, 0.0),
+    coefficients: Sequence[int] | None = None,
+) -> tuple[Unknown, ...]:
+    """A zero-mean unknown for every coefficient of a `Correction` (or of each option of a `By` of them) and every axis.
+
+    To estimate POS errors hand them to `calibrate` among its unknowns; to let them count without estimating them, as `consider`.
+
+    **Arguments:**
+
+    - `link`: the name of the correction.
+    - `turn_sigma_rad`, `shift_sigma_m`: a-priori sigma about and along each axis of the frame; 0 leaves the axis out.
+    - `coefficients`: which of the basis; all by default. Of a `Drift` beside a constant unknown only the second, (1,), is new.
+
+    **Raises:** `WhiskjaxError` where the link is no correction, or no axis is left.
+    """
+    node = sensor[link]
+    options = dict(zip(node.names, node.options, strict=True)) if isinstance(node, By) else {"": node}
+    found = []
+    for option, correction in options.items():
+        if not isinstance(correction, Correction):
+            raise WhiskjaxError(f"{link} is a {type(correction).__name__}, and only a Correction makes motions")
+        place = f"{link}.{option}" if option else link
+        chosen = range(correction.basis.size) if coefficients is None else coefficients
+        for field, sigmas in zip(_FIELDS, (turn_sigma_rad, shift_sigma_m), strict=True):
+            for k in chosen:
+                for axis, sigma in enumerate(jnp.broadcast_to(jnp.asarray(sigmas, dtype=float), 3).tolist()):
+                    if sigma > 0:
+                        name = f"{place.replace('.', '_')}_{field.split('_')[0]}_{'xyz'[axis]}"
+                        name += str(k) if correction.basis.size > 1 else ""
+                        found.append(Unknown(name, f"{place}.{field}[{k},{axis}]", 0.0, sigma))
+    if not found:
+        raise WhiskjaxError(f"{link}: all sigmas are zero, so there is nothing to estimate")
+    return tuple(found)

@@ -1,0 +1,191 @@
+"""Weights from the data: how large the errors of each group of observations, and of each group of priors, really are.
+
+Restricted maximum likelihood (Patterson and Thompson 1971): the unknowns are integrated out, so that the residuals are judged
+against what the fit leaves of the errors, and an unknown without a prior costs its degree of freedom. One sigma factor a group;
+derivatives by autodiff; the curvature at the maximum is the uncertainty of the factors.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..rules import WhiskjaxError
+from .adjustment import Here, Ready, point_part
+from .observations import Observations
+from .unknown import Unknown
+
+_AXES = ("x", "y")
+
+
+@dataclasses.dataclass(frozen=True)
+class Reweigh:
+    """Which errors share one factor on their sigmas.
+
+    **Arguments:**
+
+    - `images`, `axes`: a factor for each image, and for each of the two pixel coordinates; off, all of them share one.
+    - `priors`: groups of unknowns by name, as {"lever arm": ["u_gps", "v_gps", "w_gps"]}; None makes one of each link's vector
+      (options of a `By` together); {} leaves the priors alone.
+    - `spread`: the given sigmas are right to within this factor, 1-sigma. It keeps groups that the data say nothing of where they
+      are, and hardly pulls on the others.
+    """
+
+    images: bool = True
+    axes: bool = True
+    priors: Mapping[str, Sequence[str]] | None = None
+    spread: float = 10.0
+
+    def __post_init__(self):
+        if not (math.isfinite(self.spread) and self.spread > 1):
+            raise WhiskjaxError(f"Reweigh: spread is a factor above 1, not {self.spread}")
+
+
+class Components(NamedTuple):
+    """Factors on the given sigmas, by group; `log_sigma` is the uncertainty of each factor's logarithm (0.1 is 10 %).
+
+    `is_prior` tells groups of priors from groups of observations; `count` is the number of values in the group.
+    """
+
+    names: tuple[str, ...]
+    is_prior: Bool[np.ndarray, " groups"]
+    count: Int[np.ndarray, " groups"]
+    factor: Float[np.ndarray, " groups"]
+    log_sigma: Float[np.ndarray, " groups"]
+
+
+class Grouping(NamedTuple):
+    """Names of the groups, and the group of each pixel coordinate (n, 2) and each unknown (k,); -1 is none."""
+
+    names: tuple[str, ...]
+    observed: Int[np.ndarray, "n 2"]
+    prior: Int[np.ndarray, " k"]
+
+
+def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]) -> Grouping:
+    """Who shares a factor with whom.
+
+    **Raises:** `WhiskjaxError` where a group of priors names an unknown that there is not, that has no prior, or twice.
+    """
+    n = len(observations)
+    images = np.array(observations.images if rule.images and len(observations.images) else ["all"] * n)
+    labels = np.stack([images if not rule.axes else np.char.add(np.char.add(images, " "), a) for a in _AXES], -1)
+    names = dict.fromkeys(labels.ravel().tolist())
+    observed = np.array([[list(names).index(label) for label in row] for row in labels])
+    known = [x.name for x in unknowns]
+    prior = np.full(len(unknowns), -1)
+    for k, (name, members) in enumerate(_prior_groups(rule, unknowns).items(), start=len(names)):
+        for member in members:
+            if member not in known or unknowns[known.index(member)].sigma is None:
+                raise WhiskjaxError(f"Reweigh: group {name!r} lists {member!r}, which is no unknown with a prior")
+            if prior[known.index(member)] >= 0:
+                raise WhiskjaxError(f"Reweigh: {member!r} is in two groups of priors")
+            prior[known.index(member)] = k
+    return Grouping((*names, *_prior_groups(rule, unknowns)), observed, prior)
+
+
+def _prior_groups(rule: Reweigh, unknowns: Sequence[Unknown]) -> Mapping[str, Sequence[str]]:
+    if rule.priors is not None:
+        return rule.priors
+    groups: dict[str, list[str]] = {}
+    for x in unknowns:
+        if x.sigma is not None:
+            place = x.places[0]
+            groups.setdefault(f"prior of {place.link} {place.path[-1]}", []).append(x.name)
+    return groups
+
+
+class _Data(NamedTuple):
+    """The linearised problem in pixels: residual at u = 0, derivatives by whitened unknowns, the parts of each covariance."""
+
+    residual: Float[Array, "n 2"]
+    rows: Float[Array, "n 2 k"]
+    sigma: Float[Array, "n 2"]
+    point: Float[Array, "n 2 2"]
+    observed: Int[Array, "n 2"]
+    used: Float[Array, " n"]
+    prior: Int[Array, " k"]
+    has_prior: Float[Array, " k"]
+    spread: Float[Array, ""]
+
+
+def _minus_log_likelihood(theta: Float[Array, " groups"], data: _Data) -> Float[Array, ""]:
+    """-log p(residuals | log factors) with the unknowns integrated out, plus the hyperprior; constants left out."""
+    factor = jnp.append(jnp.exp(theta), 1.0)  # index -1: no group
+    sigma = data.sigma * factor[data.observed]
+    c00, c01, c11 = sigma[:, 0] ** 2 + data.point[:, 0, 0], data.point[:, 0, 1], sigma[:, 1] ** 2 + data.point[:, 1, 1]
+    determinant = c00 * c11 - c01**2
+    w = data.used / determinant
+    inverse = jnp.stack([jnp.stack([w * c11, -w * c01], -1), jnp.stack([-w * c01, w * c00], -1)], -2)
+    weighted = jnp.einsum("nij,njk->nik", inverse, data.rows)
+    precision = data.has_prior / factor[data.prior] ** 2
+    normal = jnp.einsum("nik,nil->kl", data.rows, weighted) + jnp.diag(precision)
+    right = jnp.einsum("nik,ni->k", weighted, data.residual)
+    root = jnp.linalg.cholesky(normal)
+    half = jax.scipy.linalg.solve_triangular(root, right, lower=True)
+    cost = jnp.einsum("ni,nij,nj->", data.residual, inverse, data.residual) - half @ half
+    volume = jnp.sum(data.used * jnp.log(determinant)) + 2 * jnp.sum(jnp.log(jnp.diag(root)))
+    volume = volume - jnp.sum(data.has_prior * jnp.log(jnp.where(precision > 0, precision, 1.0)))
+    return 0.5 * (cost + volume) + 0.5 * jnp.sum((theta / jnp.log(data.spread)) ** 2)
+
+
+@eqx.filter_jit
+def _judge(theta: Array, data: _Data) -> tuple[Array, Array, Array]:
+    return (
+        _minus_log_likelihood(theta, data),
+        jax.grad(_minus_log_likelihood)(theta, data),
+        jax.hessian(_minus_log_likelihood)(theta, data),
+    )
+
+
+def components(
+    grouping: Grouping, spread: float, ready: Ready, here: Here, used: Bool[np.ndarray, " n"], steps: int = 60
+) -> Components:
+    """Factors on the sigmas given in `ready.observations` and the unknowns' priors that make the residuals most likely.
+
+    The problem is taken as linear about `here`; repeat at the solution with the new weights where they moved it far.
+    """
+    observations = ready.observations
+    n = len(observations)
+    covariance = observations.point_covariance_m2
+    data = _Data(
+        residual=jnp.asarray(here.residual_px - here.rows_px @ here.u),
+        rows=jnp.asarray(here.rows_px),
+        sigma=jnp.asarray(observations.sigma_px),
+        point=jnp.asarray(np.zeros((n, 2, 2)) if covariance is None else point_part(ready.follows, covariance)),
+        observed=jnp.asarray(grouping.observed),
+        used=jnp.asarray(used.astype(float)),
+        prior=jnp.asarray(grouping.prior),
+        has_prior=jnp.asarray((ready.prior > 0).astype(float)),
+        spread=jnp.asarray(float(spread)),
+    )
+    theta, curvature = _newton(data, len(grouping.names), steps)
+    count = np.bincount(grouping.observed[used].ravel(), minlength=len(theta))
+    count += np.bincount(grouping.prior[grouping.prior >= 0], minlength=len(theta))
+    is_prior = np.isin(np.arange(len(theta)), grouping.prior)
+    return Components(grouping.names, is_prior, count, np.exp(theta), np.sqrt(np.diag(np.linalg.inv(curvature))))
+
+
+def _newton(data: _Data, size: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's minimum, eigenvalues of the curvature kept positive, steps of at most one in a logarithm, halved where uphill."""
+    theta = np.zeros(size)
+    value, slope, curvature = (np.asarray(x) for x in _judge(jnp.asarray(theta), data))
+    for _ in range(steps):
+        values, vectors = np.linalg.eigh(curvature)
+        step = -vectors @ ((vectors.T @ slope) / np.maximum(np.abs(values), 1e-3))
+        step /= max(1.0, np.abs(step).max())
+        for _ in range(20):
+            tried = tuple(np.asarray(x) for x in _judge(jnp.asarray(theta + step), data))
+            if tried[0] <= value + 1e-12 * abs(value):
+                break
+            step = step / 2
+        theta, (value, slope, curvature) = theta + step, tried
+        if np.abs(step).max() < 1e-8:
+            break
+    return theta, curvature
