@@ -41,6 +41,7 @@ from .earth.surface import Plane as Plane
 from .estimate.batch import Batch as Batch
 from .estimate.batch import calibrate_batch as calibrate_batch
 from .estimate.batch import calibrate_redrawn as calibrate_redrawn
+from .estimate.batch import images_of as images_of
 from .estimate.blunders import Blunders as Blunders
 from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate

@@ -129,7 +129,7 @@ def calibrate_batch(
     """
     require_x64("calibrate_batch")
 
-    def shares() -> Iterator[tuple[_Share, Problem, Array, None]]:
+    def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
         count, shape = 0, None
         runs_left = iter(runs)
         while share := list(itertools.islice(runs_left, _SHARE)):
@@ -186,7 +186,7 @@ def calibrate_redrawn(
     groups = zip(problem.groups, ready.indices, strict=True)
     padded = [np.concatenate([i, np.full(len(group.pixel[0]) - len(i), i[0])]) for group, i in groups]
 
-    def shares() -> Iterator[tuple[_Share, Problem, Array, Problem]]:
+    def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
         for first in range(0, len(pixel_px), _SHARE):
             drawn = pixel_px[first : first + _SHARE]
             own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=lambda x: x is None)
@@ -194,6 +194,26 @@ def calibrate_redrawn(
             yield _Share(ready, before, np.zeros(len(drawn), dtype=np.int32)), own, ready.start, common
 
     return _gather(shares(), unknowns, steps, chunk)
+
+
+def images_of(
+    sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown], values: Float[np.ndarray, "runs k"]
+) -> Float[np.ndarray, "runs n 2"]:
+    """Where the points of the observations are imaged, at their times, by sensors with other values of the unknowns, in pixels.
+
+    The exact measurements of many truths: add noise, and hand them to `calibrate_redrawn`.
+    """
+    require_x64("images_of")
+    ready = prepare(sensor, observations, unknowns, None)
+    u = (jnp.asarray(values) - ready.problem.mean) / ready.problem.scale
+    residual = np.asarray(_residuals_of(ready.problem, u))
+    return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
+
+
+@eqx.filter_jit
+def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Float[Array, "runs 2 n"]:
+    (group,) = problem.groups
+    return jax.lax.map(lambda one: pixels(problem, group, one)[0], u, batch_size=25)
 
 
 class _Share(NamedTuple):

@@ -14,7 +14,7 @@ from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_
 from ..rules.results import codes_of, is_successful, message_of
 from .adjustment import Here, Ready, linearise, prepare, refuse, settle, solve
 from .blunders import Blunders, snoop
-from .diagnosis import consistency, repeated, warnings_of
+from .diagnosis import consistency, lopsided, repeated, warnings_of
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
@@ -170,6 +170,7 @@ def calibrate(
         result=result,
         warnings=(
             *repeated(observations, used),
+            *lopsided(observations, used),
             *warnings_of(unknowns, trust, fit.variance_factor, fit.tail_probability, shift),
         ),
     )

@@ -15,6 +15,7 @@ from .unknown import Unknown
 _CORRELATED, _INSEPARABLE = 0.9, 0.95
 _PRIOR_ONLY, _MOSTLY_DATA = 0.05, 0.5
 _UNLIKELY = 1e-4
+_LOPSIDED = 0.3
 
 
 def chi_square_tail(value: float, freedom: int) -> float:
@@ -76,14 +77,28 @@ def warnings_of(
     return said
 
 
+def lopsided(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[str]:
+    """What to say of images that lost so many control points as blunders that the others may be the wrong ones."""
+    images = np.array(observations.images or [""] * len(observations))
+    said = []
+    for image in dict.fromkeys(images[observations.is_control & ~used].tolist()):
+        control = observations.is_control & (images == image)
+        lost, there = int((control & ~used).sum()), int(control.sum())
+        if lost > _LOPSIDED * there:
+            where = f" of image {image}" if image else ""
+            said.append(f"{lost} of {there} control points{where} were left out as blunders: if they agree with one another, the "
+                        "others may be the wrong ones")  # fmt: skip
+    return said
+
+
 def repeated(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[str]:
     """What to say of observations that are copies of one another: each counts as a measurement of its own, which it is not.
 
     **Arguments:** `used`: observations that decided.
     """
     index = np.flatnonzero(used)
-    keys = [key for key in ("time_s", *KEYS) if observations.key(key) is not None]
-    what = np.column_stack([observations.point_m, observations.pixel_px, *(observations.key(key) for key in keys)])[index]
+    keys = [value for key in ("time_s", *KEYS) if (value := observations.key(key)) is not None]
+    what = np.column_stack([observations.point_m, observations.pixel_px, *keys])[index]
     _, first, copies = np.unique(what, axis=0, return_index=True, return_counts=True)
     groups = [(observations.label(int(index[i])), int(c)) for i, c in zip(first, copies, strict=True) if c > 1]
     if not groups:

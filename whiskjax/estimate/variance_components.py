@@ -40,7 +40,7 @@ class Reweigh:
     images: bool = True
     axes: bool = True
     priors: Mapping[str, Sequence[str]] | None = None
-    spread: float = 10.0
+    spread: float = 30.0
 
     def __post_init__(self):
         if not (math.isfinite(self.spread) and self.spread > 1):
@@ -61,7 +61,10 @@ class Components(NamedTuple):
 
 
 class Grouping(NamedTuple):
-    """Names of the groups, and the group of each pixel coordinate (n, 2) and each unknown (k,); -1 is none."""
+    """Names of the groups, and the group of each pixel coordinate (n, 2) and each unknown (k,); -1 is none.
+
+    Images without control points have none: nothing speaks of their sigmas.
+    """
 
     names: tuple[str, ...]
     observed: Int[np.ndarray, "n 2"]
@@ -73,11 +76,13 @@ def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]
 
     **Raises:** `WhiskjaxError` where a group of priors names an unknown that there is not, that has no prior, or twice.
     """
-    n = len(observations)
-    images = np.array(observations.images if rule.images and len(observations.images) else ["all"] * n)
-    labels = np.stack([images if not rule.axes else np.char.add(np.char.add(images, " "), a) for a in _AXES], -1)
-    names = dict.fromkeys(labels.ravel().tolist())
-    observed = np.array([[list(names).index(label) for label in row] for row in labels])
+    pooled = not rule.images or not len(observations.images)
+    images = ["all images"] * len(observations) if pooled else list(observations.images)
+    axes = _AXES if rule.axes else ("", "")
+    labels = [[f"{image} {axis}".strip() for axis in axes] for image in images]
+    decide = [pair for pair, control in zip(labels, observations.is_control, strict=True) if control]
+    names = list(dict.fromkeys(label for pair in decide for label in pair))
+    observed = np.array([[names.index(label) if label in names else -1 for label in pair] for pair in labels])
     known = [x.name for x in unknowns]
     prior = np.full(len(unknowns), -1)
     for k, (name, members) in enumerate(_prior_groups(rule, unknowns).items(), start=len(names)):
@@ -166,8 +171,8 @@ def components(
         spread=jnp.asarray(float(spread)),
     )
     theta, curvature = _newton(data, len(grouping.names), steps)
-    count = np.bincount(grouping.observed[used].ravel(), minlength=len(theta))
-    count += np.bincount(grouping.prior[grouping.prior >= 0], minlength=len(theta))
+    members = np.concatenate([grouping.observed[used].ravel(), grouping.prior[grouping.prior >= 0]])
+    count = np.bincount(members, minlength=len(theta))
     is_prior = np.isin(np.arange(len(theta)), grouping.prior)
     return Components(grouping.names, is_prior, count, np.exp(theta), np.sqrt(np.diag(np.linalg.inv(curvature))))
 
