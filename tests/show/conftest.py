@@ -39,6 +39,7 @@ def drawings(summary, residuals):
 
 def made_up(n_images, per_image, *, spread=True, columns=4000, rows=3000, time=False):
     """Residuals of a frame camera: so many images with so many points each, at one place of the image unless `spread`."""
+    from whiskjax.estimate.reliability import Reliability
     from whiskjax.show.residuals import Residuals
 
     rng = np.random.default_rng(1)
@@ -56,6 +57,7 @@ def made_up(n_images, per_image, *, spread=True, columns=4000, rows=3000, time=F
         after_px=after,
         sigma_px=np.full((n, 2), 0.3),
         weight=np.ones(n),
+        reliability=Reliability(np.full((n, 2), 0.9), after / 0.3, np.full((n, 2), 1.3), (after**2).sum(1) / 0.09),
         is_line=False,
     )
 

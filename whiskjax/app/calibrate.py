@@ -49,6 +49,8 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
     loss: Annotated[Loss, typer.Option(help="Robust loss against blunders.")] = Loss.none,
     bound: Annotated[float | None, typer.Option(help=f"Where the robust loss sets in, in sigmas [default: {_BOUND}].")] = None,
+    blunders: Annotated[bool, typer.Option("--blunders", help="Find gross errors, leave them out and name them.")] = False,
+    reweigh: Annotated[bool, typer.Option("--reweigh", help="Find the sigmas of images and priors from the data.")] = False,
     max_steps: Annotated[int, typer.Option(min=1, help="Steps after which the iteration is given up.")] = 100,
 ) -> None:
     """Estimate a flight's unknowns from its control points.
@@ -60,14 +62,20 @@ def calibrate(
         raise typer.BadParameter("it belongs to --loss huber or cauchy", param_hint="--bound")
     if bound is not None and not 0 < bound < float("inf"):
         raise typer.BadParameter("it is a positive number of sigmas", param_hint="--bound")
+    if loss is not Loss.none and (blunders or reweigh):
+        raise typer.BadParameter(
+            "a robust loss and --blunders or --reweigh answer the same question; use one", param_hint="--loss"
+        )
     refuse_place(out, flight)
     start_jax()
     from .stages import Stages
 
     with Stages("read", "compile and solve", "draw and write") as stages:
         stages.enter("read")
+        from ..estimate.blunders import Blunders
         from ..estimate.calibrate import calibrate as solve
         from ..estimate.losses import Cauchy, Huber
+        from ..estimate.variance_components import Reweigh
         from ..files.read import read_flight
         from ..show.figures import draw_all
         from ..show.residuals import gather
@@ -77,9 +85,18 @@ def calibrate(
         stages.enter("compile and solve")
         kinds = {Loss.none: lambda _: None, Loss.huber: Huber, Loss.cauchy: Cauchy}
         robust = kinds[loss](_BOUND if bound is None else bound)
-        calibration = solve(found.sensor, found.observations(), found.unknowns, loss=robust, max_steps=max_steps, throw=False)
+        calibration = solve(
+            found.sensor,
+            found.observations(),
+            found.unknowns,
+            loss=robust,
+            blunders=Blunders() if blunders else None,
+            reweigh=Reweigh() if reweigh else None,
+            max_steps=max_steps,
+            throw=False,
+        )
         stages.enter("draw and write")
-        summary = summarise(calibration, found, _command(flight, out, loss, bound, max_steps))
+        summary = summarise(calibration, found, _command(flight, out, loss, bound, blunders, reweigh, max_steps))
         drawings = draw_all(summary, gather(calibration, found))
         with whole_folder(out, _OURS) as folder:
             _write(folder, calibration, found, summary, drawings)
@@ -87,10 +104,11 @@ def calibrate(
     raise typer.Exit(0 if calibration.is_sound else NOT_SOUND)
 
 
-def _command(flight: Path, out: Path, loss: Loss, bound: float | None, max_steps: int) -> str:
+def _command(flight: Path, out: Path, loss: Loss, bound: float | None, blunders: bool, reweigh: bool, max_steps: int) -> str:
     words = ["whiskjax", "calibrate", str(flight), "--out", str(out)]
     words += ["--loss", loss.value] if loss is not Loss.none else []
     words += ["--bound", f"{bound:g}"] if bound is not None else []
+    words += ["--blunders"] * blunders + ["--reweigh"] * reweigh
     words += ["--max-steps", str(max_steps)] if max_steps != 100 else []
     return shlex.join(words)
 
@@ -120,7 +138,7 @@ def _print(summary: "Summary", out: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ..show.tables import for_terminal, largest, parameters, residuals
+    from ..show.tables import blunders, for_terminal, largest, parameters, residuals, weights
 
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -143,7 +161,8 @@ def _print(summary: "Summary", out: Path) -> None:
     )
     if counts["tie_observations_left_out"]:
         say(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")
-    for table in (parameters(summary), residuals(summary), largest(summary)):
+    tables = (parameters(summary), residuals(summary), weights(summary), blunders(summary), largest(summary))
+    for table in filter(None, tables):
         console.print()
         console.print(for_terminal(table))
     verdict, warnings = summary["verdict"], summary["warnings"]

@@ -5,6 +5,7 @@ and the same sigma; between nodes they are interpolated linearly. So a process n
 coefficients, each with its own prior, and every estimator that knows priors knows processes.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -25,6 +26,8 @@ class Process(AbstractBasis):
 
     time_s: Float[Array, " nodes"]
     root: Float[Array, "nodes nodes"]
+    kind: str = eqx.field(static=True)
+    parameter: float = eqx.field(static=True)  # start_sigma of a random walk, correlation_s of the others
 
     @classmethod
     def random_walk(cls, time_s: Float[ArrayLike, " nodes"], start_sigma: float = 0.0) -> "Process":
@@ -34,30 +37,25 @@ class Process(AbstractBasis):
         where a constant unknown beside the process already holds the start.
         """
         t = _increasing(time_s)
-        covariance = start_sigma**2 + np.minimum(*np.meshgrid(t - t[0], t - t[0]))
-        first = np.zeros(len(t))
-        first[0] = start_sigma
-        root = np.zeros((len(t), len(t)))
-        root[:, 0] = start_sigma
-        root[1:, 1:] = np.linalg.cholesky(covariance[1:, 1:] - start_sigma**2)
-        return cls(jnp.asarray(t), jnp.asarray(root))
+        if not (np.isfinite(start_sigma) and start_sigma >= 0):
+            raise WhiskjaxError(f"start_sigma must be zero or a positive number, not {start_sigma}")
+        # The start, and independent changes from node to node: column k acts from node k on.
+        root = np.tril(np.broadcast_to(np.append(start_sigma, np.sqrt(np.diff(t))), (len(t), len(t))))
+        return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", float(start_sigma))
 
     @classmethod
     def ornstein_uhlenbeck(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
         """Errors that are forgotten: covariance exp(-|dt| / correlation_s). POS attitude errors behave so."""
         t = _increasing(time_s)
-        return cls._stationary(t, np.exp(-np.abs(t[:, None] - t) / _positive(correlation_s)))
+        covariance = np.exp(-np.abs(t[:, None] - t) / _positive(correlation_s))
+        return cls(jnp.asarray(t), _root(covariance), "ornstein_uhlenbeck", float(correlation_s))
 
     @classmethod
     def smooth(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
         """Once differentiable: Matern 3/2, (1 + x) exp(-x) with x = sqrt(3) |dt| / correlation_s. Thermal drift behaves so."""
         t = _increasing(time_s)
         x = np.sqrt(3) * np.abs(t[:, None] - t) / _positive(correlation_s)
-        return cls._stationary(t, (1 + x) * np.exp(-x))
-
-    @classmethod
-    def _stationary(cls, t: np.ndarray, covariance: np.ndarray) -> "Process":
-        return cls(jnp.asarray(t), jnp.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(len(t)))))
+        return cls(jnp.asarray(t), _root((1 + x) * np.exp(-x)), "smooth", float(correlation_s))
 
     @property
     def size(self) -> int:
@@ -83,6 +81,11 @@ def _increasing(time_s: Float[ArrayLike, " nodes"]) -> np.ndarray:
     if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
         raise WhiskjaxError(f"a process needs at least two node times that increase, not {time_s}")
     return t
+
+
+def _root(covariance: np.ndarray) -> Float[Array, "nodes nodes"]:
+    # The hair keeps nodes that are close together positive definite: a millionth of the sigma.
+    return jnp.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance))))
 
 
 def _positive(correlation_s: float) -> float:

@@ -50,6 +50,7 @@ class Calibration:
     projected in pixels, (n, 2) as (sample or column, line or row), for control and check points alike. Where weights were
     estimated, `unknowns` and `observations` carry the new sigmas, and `components` the factors; else it is None.
 
+    `robust_weight` is 1 for a good observation, less under a robust loss, 0 for a blunder that was left out.
     `used` are the observations that decided: control points that are no blunders. `check_log_density` is the mean logarithm of
     the probability density, per pixel^2, that the calibration gave to each check point before looking (NaN without check points).
     """
@@ -161,7 +162,7 @@ def calibrate(
         residual_before_px=ready.before_px,
         residual_after_px=here.residual_px,
         observations=observations,
-        robust_weight=_share(here, np.ones_like(used), loss),
+        robust_weight=_share(here, used | ~control, loss),
         used=used,
         reliability=reliability(ready, here, formal, used),
         components=found,

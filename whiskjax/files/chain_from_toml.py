@@ -11,6 +11,7 @@ from ..chain.correction import Bias, Correction, Drift, OrientationImages, Splin
 from ..chain.line_camera import LineCamera, LookTable
 from ..chain.link import AbstractLink, Fixed
 from ..chain.mounts import Axes, Mount
+from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
@@ -191,6 +192,12 @@ def _basis(basis: Any) -> Any:
             return OrientationImages(basis.start_s, basis.spacing_s, basis.nodes)
         case "spline":
             return Spline(basis.start_s, basis.spacing_s, basis.nodes)
+        case "random_walk":
+            return Process.random_walk(basis.nodes_s, basis.start_sigma)
+        case "ornstein_uhlenbeck":
+            return Process.ornstein_uhlenbeck(basis.nodes_s, basis.correlation_s)
+        case "smooth":
+            return Process.smooth(basis.nodes_s, basis.correlation_s)
 
 
 def _camera(entry: "AnyCamera", source: Source, place: str) -> Any:

@@ -14,6 +14,7 @@ from ..chain.correction import Bias, Correction, Drift, OrientationImages, Splin
 from ..chain.line_camera import LineCamera, LookTable
 from ..chain.link import AbstractLink, Fixed
 from ..chain.mounts import Axes, Mount
+from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
@@ -168,6 +169,9 @@ def _basis(basis: Any) -> dict[str, Any]:
     if isinstance(basis, OrientationImages | Spline):
         kind = "spline" if isinstance(basis, Spline) else "orientation_images"
         return {"kind": kind, "start_s": float(basis.start_s), "spacing_s": float(basis.spacing_s), "nodes": basis.nodes}
+    if isinstance(basis, Process):
+        parameter = "start_sigma" if basis.kind == "random_walk" else "correlation_s"
+        return {"kind": basis.kind, "nodes_s": floats(basis.time_s), parameter: basis.parameter}
     raise FlightError(f"a correction on {type(basis).__name__} has no form in a flight folder")
 
 

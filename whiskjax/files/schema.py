@@ -130,19 +130,33 @@ class TurnLink(Link):
     max_gap_s: Positive | None = None
 
 
+_BASIS_KEYS = {
+    "bias": (),
+    "drift": ("start_s", "span_s"),
+    "orientation_images": ("start_s", "spacing_s", "nodes"),
+    "spline": ("start_s", "spacing_s", "nodes"),
+    "random_walk": ("nodes_s", "start_sigma"),
+    "ornstein_uhlenbeck": ("nodes_s", "correlation_s"),
+    "smooth": ("nodes_s", "correlation_s"),
+}
+
+
 class Basis(Model):
     """How a correction varies in time."""
 
-    kind: Literal["bias", "drift", "orientation_images", "spline"]
+    kind: Literal["bias", "drift", "orientation_images", "spline", "random_walk", "ornstein_uhlenbeck", "smooth"]
     start_s: float | None = None
     span_s: Positive | None = None
     spacing_s: Positive | None = None
     nodes: Annotated[int, Field(ge=4)] | None = None
+    nodes_s: Annotated[list[float], Field(min_length=2)] | None = None
+    start_sigma: Annotated[float, Field(ge=0)] | None = None
+    correlation_s: Positive | None = None
 
     @pydantic.model_validator(mode="after")
     def _has_its_numbers(self) -> "Basis":
-        needs = {"bias": (), "drift": ("start_s", "span_s")}.get(self.kind, ("start_s", "spacing_s", "nodes"))
-        for name in ("start_s", "span_s", "spacing_s", "nodes"):
+        needs = _BASIS_KEYS[self.kind]
+        for name in dict.fromkeys(key for keys in _BASIS_KEYS.values() for key in keys):
             if (getattr(self, name) is not None) != (name in needs):
                 raise ValueError(f"a {self.kind} basis has {' and '.join(needs) or 'no further key'}")
         return self

@@ -8,7 +8,7 @@ from typing import Any
 from ..rules import import_extra
 from .style import Drawing
 from .summary import Summary, probability
-from .tables import correlations, fixed, largest, parameters, residuals, short
+from .tables import blunders, correlations, detectable, fixed, largest, parameters, residuals, short, weights
 
 
 def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
@@ -32,6 +32,9 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
         "residuals": residuals(summary),
         "correlations": correlations(summary),
         "largest": largest(summary),
+        "blunders": blunders(summary),
+        "weights": weights(summary),
+        "detectable": detectable(summary),
     }
     return environment.get_template("report.html.jinja").render(
         s=summary,

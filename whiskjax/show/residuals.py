@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..estimate.calibrate import Calibration
+from ..estimate.reliability import Reliability
 from ..flights.flight import Flight, Image
 
 STAGES = ("before", "after")
@@ -17,7 +18,8 @@ class Residuals:
     """The n observations of a calibration, measured - projected, before and after it.
 
     `x` is the sample of a line camera or the column of a frame, `y` the line or row; `place_px` is where in the image the point
-    was measured, as (x, y). `weight` is what a robust loss left of an observation, 1 without one.
+    was measured, as (x, y). `weight` is what a robust loss left of an observation: 1 without one, 0 for a blunder that was left
+    out.
     """
 
     images: tuple[Image, ...]
@@ -30,6 +32,7 @@ class Residuals:
     after_px: Float[np.ndarray, "n 2"]
     sigma_px: Float[np.ndarray, "n 2"]
     weight: Float[np.ndarray, " n"]
+    reliability: Reliability
     is_line: bool
 
     def __len__(self) -> int:
@@ -98,5 +101,6 @@ def gather(calibration: Calibration, flight: Flight) -> Residuals:
         after_px=calibration.residual_after_px,
         sigma_px=calibration.observations.sigma_px,
         weight=calibration.robust_weight,
+        reliability=calibration.reliability,
         is_line=flight.is_line,
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..estimate.unknown import Unknown
 from .residuals import Residuals
-from .summary import Summary
+from .summary import Summary, number
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -31,11 +31,12 @@ def write_statistics(path: Path, summary: Summary) -> None:
 
 
 def write_residuals(path: Path, residuals: Residuals) -> None:
-    """residuals.csv: one row an observation, with its place in the image, its sigmas and its robust weight."""
+    """residuals.csv: one row an observation, with its place in the image, its sigmas and weight, and its reliability."""
     x, y = residuals.axes
     header = (
         "image", "point", "role", "time_s", f"{x}_px", f"{y}_px", "x_before_px", "y_before_px", "x_after_px", "y_after_px",
-        "sigma_x_px", "sigma_y_px", "weight",
+        "sigma_x_px", "sigma_y_px", "weight", "redundancy_x", "redundancy_y", "normalised_x", "normalised_y", "detectable_x_px",
+        "detectable_y_px",
     )  # fmt: skip
     times = [None] * len(residuals) if residuals.time_s is None else residuals.time_s.tolist()
     columns = (residuals.place_px, residuals.before_px, residuals.after_px, residuals.sigma_px)
@@ -47,6 +48,7 @@ def write_residuals(path: Path, residuals: Residuals) -> None:
             times[i],
             *(float(v) for column in columns for v in column[i]),
             float(residuals.weight[i]),
+            *(number(v) for column in residuals.reliability[:3] for v in column[i]),
         ]
         for i in range(len(residuals))
     )
