@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from .calibrate import calibrate
+from .reproduce import reproduce
 from .simulate import simulate
 
 app = typer.Typer(
@@ -32,3 +33,4 @@ def _options(
 
 app.command()(calibrate)
 app.add_typer(simulate, name="simulate")
+app.add_typer(reproduce, name="reproduce")

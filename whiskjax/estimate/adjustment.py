@@ -85,6 +85,14 @@ class Here(NamedTuple):
         """Squared length of each whitened residual."""
         return (self.whitened**2).sum(axis=1)
 
+    def moved(self, step: Float[np.ndarray, " k"]) -> "Here":
+        """The linear model at u + step, with the same derivatives."""
+        return self._replace(
+            u=self.u + step,
+            residual_px=self.residual_px + self.rows_px @ step,
+            whitened=self.whitened + self.rows @ step,
+        )
+
 
 def prepare(
     sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown], loss: AbstractLoss | None, split: bool = False
@@ -127,18 +135,21 @@ def linearise(ready: Ready, u: Float[np.ndarray, " k"]) -> Here:
     return Here(np.asarray(u), residual, whitened, rows, np.stack([x_rows, y_rows], axis=1), unseen)
 
 
-def settle(ready: Ready, here: Here, share: Float[np.ndarray, " n"], steps: int, near: float = np.inf) -> Here:
+def settle(
+    ready: Ready, here: Here, share: Float[np.ndarray, " n"], steps: int, near: float = np.inf, frozen: bool = False
+) -> Here:
     """Gauss-Newton steps to the minimum of the observations weighted by `share` and the priors.
 
     Each step is an orthogonal decomposition of the weighted rows.
 
-    **Arguments:** `steps`: at most so many, and none that is longer than `near` (of a prior sigma or scale).
+    **Arguments:** `steps`: at most so many, and none that is longer than `near` (of a prior sigma or scale); `frozen`: keep the
+    derivatives of `here`, which costs no evaluation of the chain.
     """
     for _ in range(steps):
         step = -np.linalg.lstsq(*weighted_rows(ready, here, share), rcond=None)[0]
         if not np.abs(step).max() < near:
             break
-        here = linearise(ready, here.u + step)
+        here = here.moved(step) if frozen else linearise(ready, here.u + step)
         if np.abs(step).max() < _SETTLED:
             break
     return here

@@ -30,6 +30,9 @@ from .unknown import Unknown
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
 _CONVERGED = 1e-6  # the last step, in prior sigmas: the error that is left is smaller by orders of magnitude
 
+# An unknown is lost where the others explain all but this share of what the data and priors say of it: rounding, not geometry.
+_SINGULAR = 1e-12
+
 
 class Lanes(eqx.Module):
     """Solved lanes, whitened; `cost` is the sum of squared whitened residuals and priors, `residual_px` (lanes, 2, n) a group."""
@@ -98,7 +101,7 @@ def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
     inverse = jax.scipy.linalg.solve_triangular(root, jnp.eye(m), lower=True)
     result = first_failure(
         failure_if(~jnp.isfinite(normal).all(), RESULTS.nonfinite),
-        failure_if(~jnp.isfinite(root).all(), RESULTS.rank_deficient),
+        failure_if(~(jnp.diag(root) ** 2 > _SINGULAR * jnp.diag(normal)[:m]).all(), RESULTS.rank_deficient),
         failure_if(~(jnp.abs(step).max() < _CONVERGED), RESULTS.not_converged),
     )
     after = tuple(pixels(problem, group, u)[0] for group in problem.groups)
@@ -119,7 +122,7 @@ def calibrate_batch(
     **Arguments:**
 
     - `runs`: (sensor, observations) of each run; may be a generator, and then no more than some hundreds are held at a time. All
-      have the same chain, and as many control and check points of each swing, view and image.
+      have the same chain, and the same sequence of images and roles (control, check) among their observations.
     - `unknowns`: the same for all runs.
     - `steps`, `chunk`: see `solve_lanes`.
 
@@ -128,6 +131,7 @@ def calibrate_batch(
     **Raises:** `WhiskjaxError` where there is no run, or one of another shape than the first, by its number.
     """
     require_x64("calibrate_batch")
+    _ask_chunk(chunk)
 
     def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
         count, shape = 0, None
@@ -139,14 +143,14 @@ def calibrate_batch(
                 shape = shape or _shape(ready[0])
                 if _shape(ready[-1]) != shape:
                     raise WhiskjaxError(
-                        f"calibrate_batch: run {number} has another chain or other numbers of points than run 0; "
-                        "runs of one call share both (mark points as check points to leave them out of all)"
+                        f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in another "
+                        "order; runs of one call share the images, roles and order of their observations"
                     )
             count += len(share)
             stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
             start = np.stack([one.start for one in ready])
             before = np.stack([one.before_px for one in ready])
-            unseen = np.stack([np.where(one.observations.is_control, one.unseen, 0).max() for one in ready])
+            unseen = np.stack([one.unseen.max() for one in ready])
             yield _Share(ready[0], before, unseen), stacked, start, None
 
     return _gather(shares(), unknowns, steps, chunk)
@@ -170,6 +174,7 @@ def calibrate_redrawn(
     **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("calibrate_redrawn")
+    _ask_chunk(chunk)
     pixel_px = np.asarray(pixel_px)
     if pixel_px.ndim != 3 or pixel_px.shape[1:] != observations.pixel_px.shape or len(pixel_px) == 0:
         raise WhiskjaxError(f"pixel_px has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2)")
@@ -202,9 +207,14 @@ def images_of(
     """Where the points of the observations are imaged, at their times, by sensors with other values of the unknowns, in pixels.
 
     The exact measurements of many truths: add noise, and hand them to `calibrate_redrawn`.
+
+    **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("images_of")
+    if np.ndim(values) != 2 or np.shape(values)[1] != len(unknowns):
+        raise WhiskjaxError(f"images_of: values have shape {np.shape(values)}, expected (runs, {len(unknowns)})")
     ready = prepare(sensor, observations, unknowns, None)
+    refuse(ready.unseen, observations)
     u = (jnp.asarray(values) - ready.problem.mean) / ready.problem.scale
     residual = np.asarray(_residuals_of(ready.problem, u))
     return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
@@ -217,7 +227,7 @@ def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Float[Array, "
 
 
 class _Share(NamedTuple):
-    """What the solver does not need: the layout of the runs, their residuals before, and failure codes of control points."""
+    """What the solver does not need: the layout of the runs, their residuals before, and failure codes of observations."""
 
     layout: Ready
     before_px: Float[np.ndarray, "lanes n 2"]
@@ -242,6 +252,8 @@ def _gather(
     if not done:
         raise WhiskjaxError("calibrate_batch: there are no runs")
     layout = done[0][0].layout
+    if not layout.observations.is_control.any():
+        raise WhiskjaxError("all points are check points; at least one control point is needed")
     solved = [job.result() for _, job in done]
     u, covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("u", "covariance", "cost"))
     after = [by_observation_of_runs(lanes.residual_px, layout.indices) for lanes in solved]
@@ -275,6 +287,11 @@ def _shape(ready: Ready) -> tuple:
     leaves, tree = jax.tree.flatten(ready.problem)
     arrays = tuple(leaf.shape if eqx.is_array(leaf) else leaf for leaf in leaves)
     return tree, arrays, tuple(tuple(index) for index in ready.indices)
+
+
+def _ask_chunk(chunk: int) -> None:
+    if chunk < 1:
+        raise WhiskjaxError(f"chunk is a number of lanes, 1 or more, not {chunk}")
 
 
 def _on_host(ready: Ready) -> Problem:

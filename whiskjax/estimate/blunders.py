@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..rules import WhiskjaxError
-from .adjustment import Here, Ready, settle
+from .adjustment import Here, Ready, linearise, settle
 from .reliability import squared_residuals, whitened_covariance
 
 _NARROWING, _STARTS = 2.0, 30
+_SAME = 1e-4  # of a prior sigma: the descent only has to find the right points
 _ROUNDS = 30
 
 
@@ -65,25 +66,28 @@ def snoop(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], rule: Blund
 def _robust(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float) -> Here:
     """Where most points agree: the lowest of the Geman-McClure minima reached from all points and from random halves of them.
 
-    Blunders in a cluster all pull one way, and hold the descent from all points; a half may have few of them.
+    Blunders in a cluster all pull one way, and hold the descent from all points; a half may have few of them. The candidates are
+    compared in the linear model, the best one is then followed through the chain.
     """
     draw = np.random.default_rng(0)
     starts = [here]
     for _ in range(_STARTS):
         half = control & (draw.random(len(control)) < 0.5)
-        starts.append(settle(ready, here, half.astype(float), steps=2))
-    reached = [_descend(ready, start, control, bound) for start in starts]
-    return min(reached, key=lambda end: float((end.squared[control] / (bound + end.squared[control])).sum()))
+        starts.append(settle(ready, here, half.astype(float), steps=1, frozen=True))
+    reached = [_descend(ready, start, control, bound, frozen=True) for start in starts]
+    best = min(reached, key=lambda end: float((end.squared[control] / (bound + end.squared[control])).sum()))
+    return _descend(ready, linearise(ready, best.u), control, bound, frozen=False)
 
 
-def _descend(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float) -> Here:
+def _descend(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float, frozen: bool) -> Here:
     """Minimum of the Geman-McClure cost, whose weight (c / (c + r^2))^2 forgets what is far; c narrows down to `bound`."""
-    c = max(bound, float(np.quantile(here.squared[control], 0.9)))
+    c = bound if not frozen else max(bound, float(np.quantile(here.squared[control], 0.9)))
     while True:
         for _ in range(1 if c > bound else 20):
             last = here.u
-            here = settle(ready, here, np.where(control, (c / (c + here.squared)) ** 2, 0.0), steps=1)
-            if np.abs(here.u - last).max() < 1e-6:
+            share = np.where(control, (c / (c + here.squared)) ** 2, 0.0)
+            here = settle(ready, here, share, steps=1, frozen=frozen)
+            if np.abs(here.u - last).max() < _SAME:
                 break
         if c <= bound:
             return here

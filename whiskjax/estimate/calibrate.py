@@ -146,7 +146,7 @@ def calibrate(
         trust = trust.widened(_considered(solution, ready, here, formal, share, consider) * np.outer(ready.scale, ready.scale))
     fit = _fit(ready, here, used if loss is None else used & (here.squared <= _BLUNDER**2), control, blunders)
     if not trust.is_determined:
-        result = first_failure(result, RESULTS.rank_deficient)
+        result = RESULTS.rank_deficient  # also the cause where the iteration did not end
     if throw:
         refuse(here.unseen, observations)
     elif here.unseen.any():
@@ -252,4 +252,5 @@ def _raise(answer: Calibration) -> None:
         lost, left = ([name for name, known in told if known == which] for which in (False, True))
         named = f": {', '.join(lost)}. Give them priors, or leave out all but one of each group that moves together"
         named += f". Determined are {', '.join(left)}" if left else ""
+        named += f". The data determine {answer.posterior.rank} of {len(told)} combinations of the unknowns"
     raise SensorError(f"calibrate: {message_of(code)}{named}")

@@ -46,18 +46,20 @@ def warnings_of(
     """
     said = []
     names = [x.name for x in unknowns]
-    alone = [next(iter(direction)) for direction in posterior.null_space if len(direction) == 1]
-    if alone:
-        said.append(f"no control observation depends on {', '.join(alone)}")
+    if posterior.untouched:
+        said.append(f"no control observation depends on {', '.join(posterior.untouched)}")
     for direction in posterior.null_space:
-        parts = " ".join(f"{v:+.2g} {name}" for name, v in direction.items())
-        if len(direction) > 1:
-            said.append(f"the data alone do not determine {', '.join(direction)}: moving along {parts} changes no residual")
+        if set(direction) <= set(posterior.untouched):
+            continue
+        parts = ", ".join(shift_of(unknowns[names.index(name)], v) for name, v in direction.items())
+        said.append(f"the data alone do not determine {', '.join(direction)}: moving by {parts} together changes no residual")
     if posterior.null_space:
         well = [name for name, share in zip(names, posterior.data_share, strict=True) if share > _MOSTLY_DATA]
         which = f"mostly from the data come {', '.join(well)}" if well else "no unknown comes mostly from the data"
         said.append(f"the data alone determine {posterior.rank} of {len(names)} combinations of the unknowns; {which}")
-    if tail <= _UNLIKELY:
+    if math.isnan(factor):
+        said.append("there are no more observations and priors than unknowns: nothing checks the fit")
+    elif tail <= _UNLIKELY:
         said.append(
             f"the residuals are {math.sqrt(factor):.2f} times as large as their sigmas say (chance: {tail:.0e}): "
             "the model lacks something, or the sigmas are too small, or there are blunders"
@@ -89,6 +91,11 @@ def lopsided(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[s
             said.append(f"{lost} of {there} control points{where} were left out as blunders: if they agree with one another, the "
                         "others may be the wrong ones")  # fmt: skip
     return said
+
+
+def shift_of(unknown: Unknown, value: float) -> str:
+    """A change of an unknown for people: "+0.2 m u_gps"."""
+    return f"{value * unknown.unit.factor:+.2g} {unknown.unit.name} {unknown.name}"
 
 
 def repeated(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[str]:

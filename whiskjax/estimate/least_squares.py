@@ -115,6 +115,8 @@ def descend(problem: Problem, start: Float[Array, " unknowns"], steps: int) -> D
         normal = normal_equations(problem, here.u)
         factor = jax.scipy.linalg.cho_factor(normal[:m, :m])
         change = -jax.scipy.linalg.cho_solve(factor, normal[:m, m])
+        # Where the matrix is singular stay, so that it can be seen to be.
+        change = jnp.where(jnp.isfinite(change).all() | ~jnp.isfinite(normal).all(), change, 0.0)
         return Descent(here.u + change, change, normal)
 
     return jax.lax.fori_loop(0, steps, step, Descent(start, jnp.zeros(m), jnp.zeros((m + 1, m + 1))))

@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
+import numpy as np
 
 from ..chain.by import By
 from ..chain.correction import Correction
 from ..chain.sensor import Sensor
 from ..rules import WhiskjaxError
 from .unknown import Unknown
-
-_FIELDS = ("turn_rad", "shift_m")
 
 
 def motion_unknowns(
@@ -31,8 +29,9 @@ def motion_unknowns(
     - `turn_sigma_rad`, `shift_sigma_m`: a-priori sigma about and along each axis of the frame; 0 leaves the axis out.
     - `coefficients`: which of the basis; all by default. Of a `Drift` beside a constant unknown only the second, (1,), is new.
 
-    **Raises:** `WhiskjaxError` where the link is no correction, or no axis is left.
+    **Raises:** `WhiskjaxError` where the link is no correction, a sigma is negative, or no axis is left.
     """
+    sigma_of = {"turn_rad": _three("turn_sigma_rad", turn_sigma_rad), "shift_m": _three("shift_sigma_m", shift_sigma_m)}
     node = sensor[link]
     options = dict(zip(node.names, node.options, strict=True)) if isinstance(node, By) else {"": node}
     found = []
@@ -41,9 +40,9 @@ def motion_unknowns(
             raise WhiskjaxError(f"{link} is a {type(correction).__name__}, and only a Correction makes motions")
         place = f"{link}.{option}" if option else link
         chosen = range(correction.basis.size) if coefficients is None else coefficients
-        for field, sigmas in zip(_FIELDS, (turn_sigma_rad, shift_sigma_m), strict=True):
+        for field, sigmas in sigma_of.items():
             for k in chosen:
-                for axis, sigma in enumerate(jnp.broadcast_to(jnp.asarray(sigmas, dtype=float), 3).tolist()):
+                for axis, sigma in enumerate(sigmas):
                     if sigma > 0:
                         name = f"{place.replace('.', '_')}_{field.split('_')[0]}_{'xyz'[axis]}"
                         name += str(k) if correction.basis.size > 1 else ""
@@ -51,3 +50,10 @@ def motion_unknowns(
     if not found:
         raise WhiskjaxError(f"{link}: all sigmas are zero, so there is nothing to estimate")
     return tuple(found)
+
+
+def _three(name: str, sigmas: Sequence[float]) -> list[float]:
+    values = np.asarray(sigmas, dtype=float)
+    if values.shape != (3,) or not (np.isfinite(values) & (values >= 0)).all():
+        raise WhiskjaxError(f"{name}: three numbers are needed, zero or positive, not {sigmas}")
+    return values.tolist()

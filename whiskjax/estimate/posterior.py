@@ -20,7 +20,9 @@ class Posterior:
     """Second moments of the unknowns at the solution, in the unit of their fields (m, rad, s, px).
 
     `data_share` is 1 - sigma_post^2 / sigma_prior^2, the part of the prior variance that the data removed (NaN without a prior);
-    `rank` and `null_space` speak of the data alone, without priors; `condition` is that of the column-scaled data Jacobian.
+    `rank`, `null_space` and `untouched` speak of the data alone, without priors: the number of combinations that they determine,
+    moves of the unknowns that change no residual (in the units of the fields; the largest part is one prior sigma or scale), and
+    unknowns that no observation depends on. `condition` is that of the column-scaled data Jacobian.
     """
 
     covariance: Float[np.ndarray, "k k"]
@@ -29,6 +31,7 @@ class Posterior:
     data_share: Float[np.ndarray, " k"]
     rank: int
     null_space: tuple[dict[str, float], ...]
+    untouched: tuple[str, ...]
     condition: float
 
     @property
@@ -102,5 +105,7 @@ def posterior(
     with np.errstate(invalid="ignore"):
         correlation = whitened / np.outer(sigma_u, sigma_u)
         share = np.where(prior > 0, 1 - (prior * sigma_u) ** 2, np.nan)
-    directions = tuple({names[i]: float(v[i]) for i in range(k) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null * scale))
-    return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, condition)
+    untouched = (jacobian == 0).all(axis=0)
+    directions = tuple({names[i]: float(v[i] * scale[i]) for i in range(k) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null))
+    named = tuple(name for name, unseen in zip(names, untouched, strict=True) if unseen)
+    return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, named, condition)

@@ -50,8 +50,9 @@ def compare(models: Mapping[str, Calibration]) -> Comparison:
         raise WhiskjaxError("compare: give at least two calibrations")
     first = next(iter(models.values()))
     for name, model in models.items():
-        same = len(model.used) == len(first.used) and (model.used == first.used).all()
-        if not same or not np.array_equal(model.observations.sigma_px, first.observations.sigma_px):
+        pairs = [(model.used, first.used)]
+        pairs += [(getattr(model.observations, f), getattr(first.observations, f)) for f in ("pixel_px", "point_m", "sigma_px")]
+        if not all(np.array_equal(ours, theirs) for ours, theirs in pairs):
             raise WhiskjaxError(
                 f"compare: {name} uses other observations or other weights than {next(iter(models))}; "
                 "likelihoods of different data cannot be compared: calibrate all of them with the same ones"

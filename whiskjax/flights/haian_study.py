@@ -10,20 +10,24 @@ import functools
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..chain.by import By
-from ..chain.imaging import project
+from ..chain.imaging import image_to_ground, project
 from ..chain.sensor import Sensor
+from ..chain.shot import Shot
+from ..earth.surface import HeightSurface
 from ..estimate.batch import Batch, calibrate_batch
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown, assign
 from ..rules import SensorError, WhiskjaxError
 from ..rules.results import codes_of, message_of
 from .flight import Flight
-from .haian import SCENES, SWING_RAD, SWING_S, TABLE_4, simulate, unknowns
+from .haian import GROUND_M, HALF_LINE_PX, SCENES, SWING_RAD, SWING_S, TABLE_4, simulate, unknowns
 from .haian_paper import TABLES, Column
 
 _IMAGE = np.repeat(list(SCENES), [count for _, count, *_ in SCENES.values()])
@@ -85,7 +89,7 @@ def run_of(model: Model, flight: Flight) -> tuple[Sensor, Observations]:
     links["platform"] = By("view", {name: by_swing[name] for name in by_swing.names})
     found = flight.observations()
     image = flight.measurements.image
-    order = np.lexsort((found.shot.time_s, ~found.is_control, image))[model.row]
+    order = np.lexsort(np.stack([np.asarray(found.shot.time_s), ~found.is_control, image]))[model.row]
     taken = found.take(order)
     shot = dataclasses.replace(taken.shot, view=model.view)
     return Sensor(links, flight.sensor.camera), dataclasses.replace(taken, shot=shot, is_control=model.decides)
@@ -145,34 +149,38 @@ def study(seeds: Sequence[int], on_run: Callable[[int, int], None] = lambda unkn
     return Study(tuple(seeds), solve(from_left()), solve(from_both()))
 
 
-def correlation_by_scan(seed: int) -> dict[tuple[str, str], list[float]]:
+def correlation_by_scan(seeds: Sequence[int]) -> dict[tuple[str, str], Float[np.ndarray, "seeds scans"]]:
     """How the data alone tell `PAIRS` apart in one left image whose points reach to each of `SCANS_DEG`.
 
-    Correlations of the 12 unknowns without priors, from the derivatives at the truth; they do not depend on the noise level.
+    Correlations of the 12 unknowns without priors, from the derivatives at the truth, on a regular grid of points of one weight.
     """
-    flight = simulate(seed, noise=False, drift=False)
-    found = flight.observations()
-    found = found.take(np.asarray(found.images) == "L1")
-    shared = tuple(x for x in unknowns(mean=TABLE_4) if not x.name.endswith("_right"))
-    names = [x.name.removesuffix("_left") for x in shared]
-
-    @jax.jacfwd
-    def derivative(values):
-        return project(assign(flight.sensor, shared, values), found.shot, found.point_m, throw=False).pixel_px
-
-    rows = np.asarray(derivative(np.array([x.mean for x in shared]))) / found.sigma_px[:, :, None]
-    scan_deg = np.degrees((np.asarray(found.shot.time_s) / SWING_S - 0.5) * 2 * SWING_RAD)
-    out: dict[tuple[str, str], list[float]] = {pair: [] for pair in PAIRS}
-    for limit in SCANS_DEG:
-        seen = rows[np.abs(scan_deg) <= limit].reshape(-1, len(shared))
-        # Columns of length one: units drop out of a correlation.
-        triangle = np.linalg.qr(seen / np.linalg.norm(seen, axis=0), mode="r")
-        covariance = np.linalg.inv(triangle.T @ triangle)
-        sigma = np.sqrt(np.diag(covariance))
-        for first, second in PAIRS:
-            i, j = names.index(first), names.index(second)
-            out[first, second].append(float(covariance[i, j] / (sigma[i] * sigma[j])))
+    out = {pair: np.zeros((len(seeds), len(SCANS_DEG))) for pair in PAIRS}
+    names = [x.name.removesuffix("_left") for x in from_left().unknowns]
+    share, sample = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 25), np.linspace(-HALF_LINE_PX, HALF_LINE_PX, 9)))
+    pixel = np.stack([sample, np.zeros_like(sample)], axis=-1)
+    for k, seed in enumerate(seeds):
+        sensor = simulate(seed, noise=False).sensor
+        for n, limit in enumerate(SCANS_DEG):
+            time_s = SWING_S / 2 * (1 + share * np.radians(limit) / SWING_RAD)
+            rows = np.asarray(_derivative(sensor, time_s, pixel)).reshape(-1, len(names))
+            # Columns of length one: units drop out of a correlation.
+            inverse = np.linalg.inv(np.asarray(np.linalg.qr(rows / np.linalg.norm(rows, axis=0), mode="r")))
+            covariance = inverse @ inverse.T
+            sigma = np.sqrt(np.diag(covariance))
+            for pair in PAIRS:
+                i, j = map(names.index, pair)
+                out[pair][k, n] = covariance[i, j] / (sigma[i] * sigma[j])
     return out
+
+
+@eqx.filter_jit
+def _derivative(sensor: Sensor, time_s: Array, pixel: Array) -> Array:
+    """Of the pixels of L1 by the 12 unknowns at the truth, (n, 2, 12), with the points where those pixels look."""
+    shared = from_left().unknowns
+    truth = jnp.array([x.mean for x in unknowns(mean=TABLE_4) if not x.name.endswith("_right")])
+    shot = Shot(time_s=time_s, swing=0)
+    point = image_to_ground(assign(sensor, shared, truth), shot, pixel, HeightSurface(GROUND_M), throw=False).point_m
+    return jax.jacfwd(lambda v: project(assign(sensor, shared, v), shot, point, throw=False).pixel_px)(truth)
 
 
 def mean_x_gap(seeds: Sequence[int], scan_first: bool) -> Float[np.ndarray, " seeds"]:

@@ -36,6 +36,7 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
         "weights": weights(summary),
         "detectable": detectable(summary),
     }
+    unit = {p["name"]: p["unit"] for p in summary["parameters"]}
     return environment.get_template("report.html.jinja").render(
         s=summary,
         tables=tables,
@@ -43,7 +44,10 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
         short=short,
         fixed=fixed,
         probability=probability,
-        directions=[", ".join(f"{v:+.2g} {name}" for name, v in d.items()) for d in summary["determined"]["null_space_of_data"]],
+        directions=[
+            ", ".join(f"{v:+.2g} {unit[name]} {name}" for name, v in move.items())
+            for move in summary["determined"]["null_space_of_data"]
+        ],
     )
 
 

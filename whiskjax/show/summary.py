@@ -76,7 +76,7 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
             "unknowns": len(parameters),
             "rank_of_data": posterior.rank,
             "condition_of_data": number(posterior.condition),
-            "null_space_of_data": [dict(direction) for direction in posterior.null_space],
+            "null_space_of_data": _null_space(calibration),
             "not_determined": [p["name"] for p in parameters if p["sigma"] is None],
             "fixed_by_prior": [p["name"] for p in parameters if p["data_share"] is not None and p["data_share"] < PRIOR_ONLY],
         },
@@ -115,6 +115,12 @@ def _parameters(calibration: Calibration) -> list[Summary]:
             }
         )
     return rows
+
+
+def _null_space(calibration: Calibration) -> list[Summary]:
+    """Moves of the unknowns that change no residual, each in the unit of its parameter."""
+    factor = {x.name: x.unit.factor for x in calibration.unknowns}
+    return [{name: v * factor[name] for name, v in move.items()} for move in calibration.posterior.null_space]
 
 
 def _correlation(calibration: Calibration) -> Summary:

@@ -1,0 +1,29 @@
+"""The report of the study as one HTML file."""
+
+from collections.abc import Sequence
+
+from ..page import render
+from ..style import Drawing
+from ..summary import Summary
+from .findings import agreement, findings
+from .tables import bands, in_order, swings
+
+
+def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
+    """The report as HTML; every figure in it comes from the summary, images are embedded.
+
+    **Arguments:**
+
+    - `summary`: from `summarise`.
+    - `drawings`: from `draw_charts`, of the same study.
+    """
+    values = {
+        "s": summary,
+        "bands": bands(summary),
+        "tables": in_order(summary),
+        "swings": swings(summary),
+        "drawings": drawings,
+        "agreement": agreement(summary),
+        "findings": findings(summary),
+    }
+    return render("whiskbroom/page.html.jinja", values, drawings)
