@@ -174,7 +174,7 @@ def correlation_by_scan(seeds: Sequence[int]) -> dict[tuple[str, str], Float[np.
 
 
 @eqx.filter_jit
-def _derivative(sensor: Sensor, time_s: Array, pixel: Array) -> Array:
+def _derivative(sensor: Sensor, time_s: np.ndarray, pixel: np.ndarray) -> Array:
     """Of the pixels of L1 by the 12 unknowns at the truth, (n, 2, 12), with the points where those pixels look."""
     shared = from_left().unknowns
     truth = jnp.array([x.mean for x in unknowns(mean=TABLE_4) if not x.name.endswith("_right")])

@@ -1,0 +1,169 @@
+"""The answers to what paper 000 leaves open, beside what was asked of them."""
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..estimate.selection import Comparison
+from .haian_open import (
+    SHARED,
+    Honesty,
+    PosErrors,
+    Spoilt,
+    Weights,
+    blunders,
+    drift,
+    honest_covariance,
+    model_choice,
+    pos_errors,
+    weights,
+)  # fmt: skip
+
+
+_ASKED_SHARE = 0.20  # of wrong points; more says where the method ends
+
+
+class Finding(NamedTuple):
+    """One figure: what was asked of it (None: nothing; it stands for comparison), what was reached, in its unit."""
+
+    question: str
+    figure: str
+    unit: str
+    low: float | None
+    high: float | None
+    reached: float
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a bound was set."""
+        return self.low is not None or self.high is not None
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the figure lies within its bounds."""
+        low, high = (-math.inf if self.low is None else self.low), (math.inf if self.high is None else self.high)
+        return low <= self.reached <= high
+
+
+@dataclasses.dataclass(frozen=True)
+class Sizes:
+    """How many seeds or runs each question is asked of."""
+
+    weights: int = 40
+    drift: int = 40
+    blunders: int = 25
+    models: int = 200
+    pos: int = 600
+    honesty: int = 10_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """Raw results of every question; `models` by truth: "shared" (both swings alike, no drift) and "split" (paper, drifting)."""
+
+    weights: Weights
+    drift: dict[str, dict[str, np.ndarray]]
+    blunders: dict[tuple[str, float], Spoilt]
+    models: dict[str, list[Comparison]]
+    pos: PosErrors
+    honesty: Honesty
+
+    def findings(self) -> list[Finding]:
+        """Every figure, asked and reached."""
+        return [*self._weights(), *self._drift(), *self._blunders(), *self._models(), *self._pos(), *self._honesty()]
+
+    def _weights(self) -> list[Finding]:
+        w = self.weights
+        mean, single, well = w.sigma_ratio.mean(axis=0), 100 * np.abs(w.sigma_ratio - 1).mean(), w.well.mean()
+        rows = [
+            ("image sigmas wrong by 3: estimated / true, mean over seeds, smallest of four", "1", 0.85, None, mean.min()),
+            ("the same, largest of four", "1", None, 1.15, mean.max()),
+            ("error of one sigma from one flight, mean", "%", None, 15.0, single),
+            ("its predicted 1-sigma (65 points an image)", "%", None, None, 100 * w.sigma_predicted.mean()),
+        ]
+        cases = [("image sigmas wrong by 3", w.wrong, w.reweighed)]
+        for k, how in enumerate(("priors 30 times too narrow", "priors 30 times too wide")):
+            cases.append((how, w.prior_wrong[:, k], w.prior_reweighed[:, k]))
+        for case, wrong, reweighed in cases:
+            rows.append((f"{case}: prediction error over that of the right weights", "1", None, None, wrong.mean() / well))
+            rows.append((f"{case}, reweighed: the same", "1", None, 1.10, reweighed.mean() / well))
+        return _findings("weights from the data", rows)
+
+    def _drift(self) -> list[Finding]:
+        rows = []
+        for kind, images in self.drift.items():
+            for name, high in (("R3", 2.0), ("L3", 1.7)):
+                how = "no drift in the model" if kind == "none" else f"drift as {kind}, 6 anchor points on L3 and on R3"
+                asked = None if kind == "none" else high
+                rows.append((f"{name}, {how}: prediction error", "px", None, asked, images[name].mean()))
+        return _findings("drift", rows)
+
+    def _blunders(self) -> list[Finding]:
+        rows = []
+        for (how, share), s in self.blunders.items():
+            case, clean, wrong = f"{share:.0%} of the control points wrong, {how}", s.clean.mean(), s.found.sum() + s.missed.sum()
+            asked = 1.10 if share <= _ASKED_SHARE else None
+            rows += [
+                (f"{case}: prediction error over the clean one", "1", None, asked, s.found_px.mean() / clean),
+                (f"{case}: the same, were the wrong points known", "1", None, None, s.oracle.mean() / clean),
+                (f"{case}: the same by least squares", "1", None, None, s.plain.mean() / clean),
+                (f"{case}: wrong points named", "%", None, None, 100 * s.found.sum() / wrong),
+                (f"{case}: good points named, a flight", "1", None, None, s.false.mean()),
+            ]
+        return _findings("blunders", rows)
+
+    def _models(self) -> list[Finding]:
+        rows = []
+        for truth, right, asked in (("shared", "12 shared", 1.0), ("split", "15 split, drifting", None)):
+            comparisons = self.models[truth]
+            wrong = 1 - Counter(c.recommended for c in comparisons)[right] / len(comparisons)
+            rows.append((f"{truth} truth: another model than {right!r} recommended", "%", None, asked, 100 * wrong))
+        return _findings("which model", rows)
+
+    def _pos(self) -> list[Finding]:
+        rows = [
+            ("NEES of the 15 unknowns, POS bias ignored", "1", None, None, self.pos.ignored.mean()),
+            ("NEES, POS bias estimated at the joint body", "1", 13.5, 16.6, self.pos.estimated.mean()),
+            ("NEES, POS bias considered at the joint body", "1", 13.5, 16.6, self.pos.considered.mean()),
+        ]
+        return _findings("POS errors", rows)
+
+    def _honesty(self) -> list[Finding]:
+        h = self.honesty
+        rows = [
+            (f"spread over {len(h.nees)} runs / predicted sigma, smallest of 15", "1", 0.95, None, h.spread.min()),
+            ("the same, largest of 15", "1", None, 1.05, h.spread.max()),
+            ("runs that ended well", "%", 100.0, None, 100 * h.is_successful.mean()),
+        ]
+        return _findings("honest covariance", rows)
+
+
+def _findings(question: str, rows: list[tuple[str, str, float | None, float | None, Any]]) -> list[Finding]:
+    return [Finding(question, figure, unit, low, high, float(reached)) for figure, unit, low, high, reached in rows]
+
+
+def ask(sizes: Sizes, on_question: Callable[[str], None] = lambda question: None) -> Answers:
+    """Ask all of it; with the default sizes about six minutes on one core.
+
+    **Arguments:** `on_question`: called with its name before each question.
+    """
+
+    def asked(question: str, answer: Callable):
+        on_question(question)
+        return answer()
+
+    return Answers(
+        asked("weights", lambda: weights(range(sizes.weights))),
+        asked("drift", lambda: drift(range(sizes.drift))),
+        asked("blunders", lambda: blunders(range(sizes.blunders))),
+        {
+            "shared": asked("which model, shared truth", lambda: model_choice(range(sizes.models), truth=SHARED, drift=False)),
+            "split": asked("which model, split truth", lambda: model_choice(range(-(-sizes.models // 5)))),
+        },
+        asked("POS errors", lambda: pos_errors(sizes.pos)),
+        asked("honest covariance", lambda: honest_covariance(sizes.honesty)),
+    )
