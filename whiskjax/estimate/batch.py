@@ -143,8 +143,8 @@ def calibrate_batch(
                 shape = shape or _shape(ready[0])
                 if _shape(ready[-1]) != shape:
                     raise WhiskjaxError(
-                        f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in another "
-                        "order; runs of one call share the images, roles and order of their observations"
+                        f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in "
+                        "another order; runs of one call share the images, roles and order of their observations"
                     )
             count += len(share)
             stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
@@ -215,8 +215,8 @@ def images_of(
         raise WhiskjaxError(f"images_of: values have shape {np.shape(values)}, expected (runs, {len(unknowns)})")
     ready = prepare(sensor, observations, unknowns, None)
     refuse(ready.unseen, observations)
-    u = (jnp.asarray(values) - ready.problem.mean) / ready.problem.scale
-    residual = np.asarray(_residuals_of(ready.problem, u))
+    u = (np.asarray(values) - np.asarray(ready.problem.mean)) / ready.scale
+    residual = np.asarray(_residuals_of(ready.problem, jnp.asarray(u)))
     return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
 
 

@@ -19,7 +19,7 @@ from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
 from .reliability import Reliability, log_density, reliability
-from .unknown import Unknown, assign
+from .unknown import Unknown, admit, assign
 from .variance_components import Components, Reweigh, components, group
 
 # Gauss-Newton steps after the solver, while they are this small (of a prior sigma or scale).
@@ -128,6 +128,7 @@ def calibrate(
         raise WhiskjaxError(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
+    admit(sensor, [*unknowns, *consider])  # a number is either estimated or considered
     ready = prepare(sensor, observations, unknowns, loss)
     refuse(ready.unseen, observations)
     u, steps, result = solve(ready, control, max_steps)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..chain.shot import KEYS
 from ..rules import WhiskjaxError
 from .calibrate import Calibration
 from .diagnosis import chi_square_tail
@@ -50,9 +51,11 @@ def compare(models: Mapping[str, Calibration]) -> Comparison:
         raise WhiskjaxError("compare: give at least two calibrations")
     first = next(iter(models.values()))
     for name, model in models.items():
+        ours, theirs = model.observations, first.observations
         pairs = [(model.used, first.used)]
-        pairs += [(getattr(model.observations, f), getattr(first.observations, f)) for f in ("pixel_px", "point_m", "sigma_px")]
-        if not all(np.array_equal(ours, theirs) for ours, theirs in pairs):
+        pairs += [(getattr(ours, f), getattr(theirs, f)) for f in ("pixel_px", "point_m", "sigma_px", "point_covariance_m2")]
+        pairs += [(ours.key(key), theirs.key(key)) for key in ("time_s", *KEYS)]
+        if not all(np.array_equal(a, b) for a, b in pairs):
             raise WhiskjaxError(
                 f"compare: {name} uses other observations or other weights than {next(iter(models))}; "
                 "likelihoods of different data cannot be compared: calibrate all of them with the same ones"

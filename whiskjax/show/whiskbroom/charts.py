@@ -51,8 +51,8 @@ def _cross(study: Study, image: str) -> Drawing:
         for parameters, colour in ((other, CHECK), (own, CONTROL)):
             column = Column(image, parameters, "all")
             _draw(panels[k, 0], study, column, k, colour, f"with {parameters}, the {_SIDE[parameters]} parameters")
-    _finish(panels)
     panels[0, 0].set_title(f"image {image}, a {_SIDE[own]} swing")
+    _finish(panels)
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=2, fontsize=NORMAL, frameon=False, handletextpad=0.5)
     return Drawing(

@@ -37,7 +37,7 @@ def agreement(summary: Summary) -> tuple[str, ...]:
         "one, that the spread in x grows there, and how far check points scatter. The priors are the scenario's; the paper does "
         "not print its weights.",
         f"Of {free} printed figures without a band, {hit} lie within the 5 % to 95 % range of the seeds; nine in ten would if "
-        "the paper's flight were one more seed. Those that do not are "
+        "the paper's flight were one more seed. Those that do not: "
         + "; ".join(f"{kind}: {', '.join(names)}" for kind, names in sorted(kinds.items()))
         + ".",
     )
@@ -75,10 +75,10 @@ def findings(summary: Summary) -> tuple[Finding, ...]:
 def _kind(figure: Summary) -> str:
     """Why a figure of the paper may lie outside the range of the seeds."""
     if figure["parameters"] == "none" and (figure["statistic"], figure["axis"]) in (("mean", "x"), ("mean", "y"), ("std", "y")):
-        return "before the calibration, see below"
+        return "before the calibration (see below)"
     if figure["points"] == "control" and figure["statistic"] == "mean":
-        return "means that vanish by construction, here to less than a tenth of a pixel"
-    return "without an explanation"
+        return "means that vanish by construction (here to less than a tenth of a pixel)"
+    return "without an explanation but chance"
 
 
 def _figure(summary: Summary, table: int, image: str, parameters: str, statistic: str, axis: str, points: str = "") -> Summary:
@@ -102,10 +102,11 @@ def _swing(summary: Summary) -> Finding:
         "Does the correlation grow with the swing?",
         "The abstract and the introduction say that the mountings of camera and POS become more correlated at large scan angles; "
         "section 2.1 says that their correlation falls.",
-        f"Both, by parameter. From one left image whose points reach to ±{scans[0]}° and to ±{scans[-1]}°, without priors: phi_pos "
-        f"with phi_sen {ends['phi_pos']}, kappa_pos with kappa_sen {ends['kappa_pos']}, w_gps with w_sen {ends['w_gps']}: these "
-        f"come apart. omega_pos with omega_sen {ends['omega_pos']}: both turn about the scan axis, a wide swing leaves nothing else "
-        f"to tell them apart by, and they never separate. Nor do the lever arms: u {ends['u_gps']}, v {ends['v_gps']}.",
+        f"Both, by parameter. From one left image whose points reach to ±{scans[0]}° and to ±{scans[-1]}°, without priors: "
+        f"phi_pos with phi_sen {ends['phi_pos']}, kappa_pos with kappa_sen {ends['kappa_pos']}, w_gps with w_sen "
+        f"{ends['w_gps']}: these come apart. omega_pos with omega_sen {ends['omega_pos']}: both turn about the scan axis and "
+        "never separate; in a narrow swing every other parameter blurs them too, which hides it. Nor do the lever arms come "
+        f"apart: u {ends['u_gps']}, v {ends['v_gps']}.",
     )
 
 

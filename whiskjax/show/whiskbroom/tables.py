@@ -45,8 +45,7 @@ def parameters(summary: Summary, number: int) -> Table:
         decimals = _DECIMALS[p["unit"]]
         rows.append(
             (
-                Cell(p["name"].replace("-", "−")),
-                Cell(p["unit"]),
+                Cell(f"{p['name'].replace('-', '−')} ({p['unit']})"),
                 *(Cell(fixed(p[key], decimals)) for key in ("paper", "truth", "representative", "sigma", "median")),
                 Cell(_range(p["low_5"], p["high_95"], decimals)),
                 Cell(percent(p["data_share"]), p["data_share"] < 0.5),
@@ -56,10 +55,10 @@ def parameters(summary: Summary, number: int) -> Table:
     return Table(
         _PARAMETER_TITLES[number],
         (
-            *("parameter", "unit", "paper", "truth here"),
+            *("parameter", "paper", "truth here"),
             *(f"seed {k}: value", f"seed {k}: ± sigma", "seeds: median", "seeds: 5 to 95 %", "from data"),
         ),
-        (False, False, True, True, True, True, True, True, True),
+        (False, True, True, True, True, True, True, True),
         tuple(rows),
         "The truth of the simulation is the paper's Table 4. From data: share of the prior variance that the data removed; where "
         "it is small (coloured) the estimate is the prior's and no figure to compare. Below the line: combinations that the data "
@@ -118,17 +117,17 @@ def bands(summary: Summary) -> Table:
                 Cell(fixed(f["median"], 2)),
                 Cell(_range(low, high)),
                 Cell(_range(f["band_low"], f["band_high"])),
+                _verdict(f),
                 Cell(percent(f["seeds_in_band"])),
                 _agreement(f),
-                _verdict(f),
             )
         )
     return Table(
         "Figures with a band (px)",
-        ("table", "figure", "paper", "here: median", "here: 5 to 95 %", "band", "seeds in band", "agreement", "verdict"),
-        (True, False, True, True, True, True, True, False, False),
+        ("table", "figure", "paper", "here: median", "here: 5 to 95 %", "band", "verdict", "in band", "agreement"),
+        (True, False, True, True, True, True, False, True, False),
         tuple(reversed(rows)),
-        f"Inside: the median over the seeds lies in the band. {_AGREEMENT}",
+        f"Inside: the median over the seeds lies in the band. In band: share of the seeds. {_AGREEMENT}",
     )
 
 
