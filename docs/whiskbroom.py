@@ -11,9 +11,14 @@ from pathlib import Path
 
 from whiskjax.show.tables import Table
 from whiskjax.show.whiskbroom.findings import agreement, findings
+from whiskjax.show.whiskbroom.open_questions import answers_table
 from whiskjax.show.whiskbroom.tables import bands, swings
 
 DOCS = Path(__file__).parent
+BLUNDERS = (
+    "*Prediction error with gross errors in the control points, over that of clean ones. One dot a seed. Finding the wrong "
+    "points costs nothing against knowing them, up to a fifth of all points; in a cluster that is two fifths of one image's.*"
+)
 
 
 def markdown(table: Table) -> str:
@@ -45,6 +50,9 @@ def page(summary: dict) -> str:
     for i, finding in enumerate(findings(summary)):
         parts += [f"### {finding.title}", f"*Paper:* {finding.paper}", f"*Here:* {finding.here}"]
         parts += [markdown(swings(summary))] if i == 0 else []
+    if summary["open_questions"]:
+        answers = answers_table(summary["open_questions"])
+        parts += [f"## {answers.title}", markdown(answers), "![Gross errors](whiskbroom_blunders.png)", BLUNDERS]
     return "\n\n".join(parts) + "\n"
 
 
@@ -52,3 +60,5 @@ if __name__ == "__main__":
     results = Path(sys.argv[1])
     (DOCS / "whiskbroom.md").write_text(page(json.loads((results / "results.json").read_text("utf-8"))), "utf-8")
     shutil.copy(results / "figure_4.png", DOCS / "whiskbroom.png")
+    if (results / "open_blunders.png").exists():
+        shutil.copy(results / "open_blunders.png", DOCS / "whiskbroom_blunders.png")

@@ -15,6 +15,7 @@ from whiskjax.show.whiskbroom import findings
 pytestmark = pytest.mark.slow
 
 SEEDS = (3, 4, 5, 6)
+FEW = ("--seeds", len(SEEDS), "--first-seed", SEEDS[0], "--no-open-questions")
 WRITTEN = {
     "report.html",
     "results.json",
@@ -28,7 +29,7 @@ WRITTEN = {
 def reproduced(whiskjax, tmp_path_factory):
     """(the command's result, the folder it wrote); not to be changed."""
     out = tmp_path_factory.mktemp("reproduced") / "whiskbroom"
-    return whiskjax("reproduce", "whiskbroom", "--out", out, "--seeds", len(SEEDS), "--first-seed", SEEDS[0]), out
+    return whiskjax("reproduce", "whiskbroom", "--out", out, *FEW), out
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +157,7 @@ def test_ends_in_three_when_a_band_is_left(whiskjax, reproduced, monkeypatch, tm
     bands = {**haian_paper.BANDS, (column, "mean", "y"): haian_paper.Band(-7.0, -6.0)}
     monkeypatch.setattr("whiskjax.show.whiskbroom.summary.BANDS", bands)
     out = tmp_path / "out"
-    result = whiskjax("reproduce", "whiskbroom", "--out", out, "--seeds", 1, "--first-seed", SEEDS[0])
+    result = whiskjax("reproduce", "whiskbroom", "--out", out, "--seeds", 1, "--first-seed", SEEDS[0], "--no-open-questions")
     assert result.exit_code == 3
     assert "outside: L2 CR, mean y" in result.stdout
     verdict = json.loads((out / "results.json").read_text(encoding="utf-8"))["verdict"]
@@ -169,7 +170,7 @@ def test_a_failure_leaves_nothing(whiskjax, monkeypatch, tmp_path):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("whiskjax.show.whiskbroom.page.make_report", full)
-    result = whiskjax("reproduce", "whiskbroom", "--out", tmp_path / "new" / "out", "--seeds", 1)
+    result = whiskjax("reproduce", "whiskbroom", "--out", tmp_path / "new" / "out", "--seeds", 1, "--no-open-questions")
     assert result.exit_code == 1 and "No space left" in result.stderr
     assert not list(tmp_path.iterdir())
 

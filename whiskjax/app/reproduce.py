@@ -23,6 +23,8 @@ _OURS = (
     "seeds.csv",
     *(f"table_{number}.csv" for number in range(1, 8)),
     *(f"figure_{number}.png" for number in range(3, 8)),
+    "open_questions.csv",
+    *(f"open_{question}.png" for question in ("weights", "drift", "blunders", "pos_errors", "covariance")),
 )
 
 reproduce = typer.Typer(
@@ -41,26 +43,35 @@ def whiskbroom(
     out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
     seeds: Annotated[int, typer.Option(min=1, help="How many simulated flights.")] = 100,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 0,
+    open_questions: Annotated[
+        bool,
+        typer.Option(help="Also what the paper leaves open: weights, drift, blunders, which model, POS errors (minutes)."),
+    ] = True,
 ) -> None:
     """The whiskbroom scanner with left and right swings (Jin et al. 2024): Tables 1 to 7 and Figures 3 to 7.
 
-    Prints the tables with the paper's figures, the simulation's over the seeds, and the bands in which they should lie. Ends in 0
-    only when every figure that has a band is inside.
+    Prints the tables with the paper's figures, the simulation's over the seeds, and the bands in which they should lie; then what
+    the paper leaves open, asked and reached. Ends in 0 only when every figure that has a band or a bound is inside.
     """
     refuse_place(out)
     start_jax()
+    from ..flights.haian_answers import QUESTIONS
     from .stages import Stages
 
     chosen = range(first_seed, first_seed + seeds)
-    with Stages(*(_stage(unknowns, seed) for unknowns in (12, 15) for seed in chosen), _DRAW) as stages:
+    asked = QUESTIONS if open_questions else ()
+    with Stages(*(_stage(unknowns, seed) for unknowns in (12, 15) for seed in chosen), *asked, _DRAW) as stages:
+        from ..flights.haian_answers import Sizes, ask
         from ..flights.haian_study import study
         from ..show.whiskbroom.charts import draw_charts
+        from ..show.whiskbroom.open_questions import draw_answers
         from ..show.whiskbroom.summary import summarise
 
         found = study(chosen, lambda unknowns, seed: stages.enter(_stage(unknowns, seed)))
+        answers = ask(Sizes(), stages.enter) if open_questions else None
         stages.enter(_DRAW)
-        summary = summarise(found, _command(out, seeds, first_seed))
-        drawings = draw_charts(found)
+        summary = summarise(found, answers, _command(out, seeds, first_seed, open_questions))
+        drawings = [*draw_charts(found), *(draw_answers(answers) if answers else ())]
         with whole_folder(out, _OURS) as folder:
             _write(folder, found, summary, drawings)
     _print(summary, out)
@@ -71,19 +82,22 @@ def _stage(unknowns: int, seed: int) -> str:
     return f"{unknowns} unknowns, seed {seed}"
 
 
-def _command(out: Path, seeds: int, first_seed: int) -> str:
+def _command(out: Path, seeds: int, first_seed: int, open_questions: bool) -> str:
     words = ["whiskjax", "reproduce", "whiskbroom", "--out", str(out)]
     words += ["--seeds", str(seeds), "--first-seed", str(first_seed)]
+    words += [] if open_questions else ["--no-open-questions"]
     return shlex.join(words)
 
 
 def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Drawing]") -> None:
+    from ..show.whiskbroom.open_questions import write_answers
     from ..show.whiskbroom.page import make_report
     from ..show.whiskbroom.tables import write_seeds, write_sheets
 
     text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     write_sheets(folder, summary)
+    write_answers(folder / "open_questions.csv", summary["open_questions"])
     write_seeds(folder / "seeds.csv", study)
     for drawing in drawings:
         drawing.write(folder)
@@ -97,12 +111,14 @@ def _print(summary: "Summary", out: Path) -> None:
 
     from ..show.tables import for_terminal
     from ..show.whiskbroom.findings import findings
+    from ..show.whiskbroom.open_questions import answers_table
     from ..show.whiskbroom.tables import bands, in_order
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=120)
-    for table in (*in_order(summary), bands(summary)):
+    answers = [answers_table(summary["open_questions"])] if summary["open_questions"] else []
+    for table in (*in_order(summary), bands(summary), *answers):
         console.print(for_terminal(table))
         console.print()
     console.print(Text("What the paper contradicts or leaves open (in words in report.html):"))
@@ -112,6 +128,10 @@ def _print(summary: "Summary", out: Path) -> None:
     console.print()
     style = "bold green" if verdict["is_inside"] else "bold red"
     console.print(Text(f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it.", style=style))
-    for name in verdict["outside"]:
+    if answers:
+        console.print(
+            Text(f"{verdict['open_met']} of {verdict['open_asked']} figures asked of the open questions are met.", style=style)
+        )
+    for name in (*verdict["outside"], *verdict["open_missed"]):
         console.print(Text(f"  - outside: {name}"))
     console.print(f"Written to {out}: report.html, results.json, tables and figures", soft_wrap=True, markup=False)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def compare(models: Mapping[str, Calibration]) -> Comparison:
     first = next(iter(models.values()))
     for name, model in models.items():
         ours, theirs = model.observations, first.observations
-        pairs = [(model.used, first.used)]
+        pairs: list[tuple[Any, Any]] = [(model.used, first.used)]
         pairs += [(getattr(ours, f), getattr(theirs, f)) for f in ("pixel_px", "point_m", "sigma_px", "point_covariance_m2")]
         pairs += [(ours.key(key), theirs.key(key)) for key in ("time_s", *KEYS)]
         if not all(np.array_equal(a, b) for a, b in pairs):

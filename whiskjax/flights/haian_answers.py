@@ -23,7 +23,7 @@ from .haian_open import (
     weights,
 )  # fmt: skip
 
-
+QUESTIONS = ("weights", "drift", "blunders", "which model, shared truth", "which model, split truth", "POS errors", "covariance")
 _ASKED_SHARE = 0.20  # of wrong points; more says where the method ends
 
 
@@ -152,18 +152,18 @@ def ask(sizes: Sizes, on_question: Callable[[str], None] = lambda question: None
     **Arguments:** `on_question`: called with its name before each question.
     """
 
-    def asked(question: str, answer: Callable):
-        on_question(question)
+    def asked(k: int, answer: Callable):
+        on_question(QUESTIONS[k])
         return answer()
 
     return Answers(
-        asked("weights", lambda: weights(range(sizes.weights))),
-        asked("drift", lambda: drift(range(sizes.drift))),
-        asked("blunders", lambda: blunders(range(sizes.blunders))),
+        asked(0, lambda: weights(range(sizes.weights))),
+        asked(1, lambda: drift(range(sizes.drift))),
+        asked(2, lambda: blunders(range(sizes.blunders))),
         {
-            "shared": asked("which model, shared truth", lambda: model_choice(range(sizes.models), truth=SHARED, drift=False)),
-            "split": asked("which model, split truth", lambda: model_choice(range(-(-sizes.models // 5)))),
+            "shared": asked(3, lambda: model_choice(range(sizes.models), truth=SHARED, drift=False)),
+            "split": asked(4, lambda: model_choice(range(-(-sizes.models // 5)))),
         },
-        asked("POS errors", lambda: pos_errors(sizes.pos)),
-        asked("honest covariance", lambda: honest_covariance(sizes.honesty)),
+        asked(5, lambda: pos_errors(sizes.pos)),
+        asked(6, lambda: honest_covariance(sizes.honesty)),
     )

@@ -5,9 +5,10 @@ import statistics
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ..estimate.selection import Comparison
 from ..rules import import_extra
 from .residuals import FEW
-from .summary import PRIOR_ONLY, Summary
+from .summary import PRIOR_ONLY, Summary, probability
 
 IMAGES_SHOWN = 12
 _NONE = "–"
@@ -260,6 +261,31 @@ def detectable(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
         ),
         "Redundancy: the share of an error that shows in the measurement's own residual. Detectable: what a test at 0.1 % finds "
         "four times in five (Baarda 1968).",
+    )
+
+
+def models(comparison: Comparison) -> Table:
+    """Candidate models side by side, and which one is recommended."""
+    return Table(
+        "Which model",
+        ("model", "unknowns", "cost", "saved", "by chance", "AIC", "BIC", "check points: RMS (px)", "check points: log density"),
+        (False, True, True, True, True, True, True, True, True),
+        tuple(
+            (
+                Cell(c.name, c.name == comparison.recommended),
+                Cell(str(c.unknowns)),
+                Cell(fixed(c.cost, 1)),
+                Cell(fixed(c.ratio, 1)),
+                Cell(_NONE if math.isnan(c.tail) else probability(c.tail)),
+                Cell(fixed(c.aic, 1)),
+                Cell(fixed(c.bic, 1)),
+                Cell(_NONE if math.isnan(c.check_rms_px) else fixed(c.check_rms_px, 2)),
+                Cell(_NONE if math.isnan(c.check_log_density) else fixed(c.check_log_density, 2)),
+            )
+            for c in comparison.candidates
+        ),
+        f"Recommended: {comparison.recommended}. {comparison.reason}. Cost: squared whitened residuals and priors; saved and "
+        "by chance: likelihood ratio against the smallest model; AIC and BIC above the best.",
     )
 
 

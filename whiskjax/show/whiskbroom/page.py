@@ -6,6 +6,7 @@ from ..page import render
 from ..style import Drawing
 from ..summary import Summary
 from .findings import agreement, findings
+from .open_questions import NAMES, answers_table
 from .tables import bands, in_order, swings
 
 
@@ -25,5 +26,7 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
         "drawings": drawings,
         "agreement": agreement(summary),
         "findings": findings(summary),
+        "answers": answers_table(summary["open_questions"]) if summary["open_questions"] else None,
+        "is_answer": lambda drawing: drawing.name in NAMES,
     }
     return render("whiskbroom/page.html.jinja", values, drawings)

@@ -12,9 +12,11 @@ import numpy as np
 
 from ...estimate.batch import Batch
 from ...flights.haian import FOCAL_PX, HALF_LINE_PX, SCENES
+from ...flights.haian_answers import Answers
 from ...flights.haian_paper import BANDS, TABLE_1, TABLE_4, TABLES, Column, Printed, is_absolute, tuned_by
 from ...flights.haian_study import SCANS_DEG, Study, correlation_by_scan, mean_x_gap
 from ..summary import Summary
+from .open_questions import as_summary
 
 # What the data determine: combinations of unknowns, by their weights.
 _COMBINATIONS: dict[str, Mapping[str, int]] = {
@@ -27,10 +29,10 @@ _COMBINATIONS: dict[str, Mapping[str, int]] = {
 _FEW_SEEDS = 20  # for what hardly varies with the seed
 
 
-def summarise(study: Study, command: str = "") -> Summary:
+def summarise(study: Study, answers: Answers | None = None, command: str = "") -> Summary:
     """Everything worth telling about the study.
 
-    **Arguments:** `command`: how it was made, for the reader who wants to repeat it.
+    **Arguments:** `answers`: to what the paper leaves open; `command`: how it was made, for the reader who wants to repeat it.
     """
     figures = [row for table in TABLES for row in _figures(study, table)]
     data: Summary = {
@@ -69,7 +71,8 @@ def summarise(study: Study, command: str = "") -> Summary:
         "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
         | {"python": platform.python_version()},
     }
-    data["verdict"] = _verdict(figures)
+    data["open_questions"] = [] if answers is None else as_summary(answers.findings())
+    data["verdict"] = _verdict(figures, data["open_questions"])
     return data
 
 
@@ -170,14 +173,19 @@ def _gap(study: Study, scan_first: bool) -> Summary:
     return {"order": order, "seeds": len(seeds), **_over_seeds(mean_x_gap(seeds, scan_first))}
 
 
-def _verdict(figures: list[Summary]) -> Summary:
+def _verdict(figures: list[Summary], answers: list[Summary]) -> Summary:
     # Table 2 repeats figures of Table 6: each counts once.
     banded = {label(f): f for f in figures if f["is_inside"] is not None}
     free = {label(f): f for f in figures if f["is_inside"] is None}
     outside = [name for name, f in banded.items() if not f["is_inside"]]
+    asked = [row for row in answers if row["is_met"] is not None]
+    missed = [f"{row['question']}: {row['figure']}" for row in asked if not row["is_met"]]
     return {
-        "is_inside": not outside,
+        "is_inside": not outside and not missed,
         "word": "inside its bands" if not outside else "outside its bands",
+        "open_asked": len(asked),
+        "open_met": len(asked) - len(missed),
+        "open_missed": missed,
         "bands": len(banded),
         "bands_inside": len(banded) - len(outside),
         "outside": outside,
