@@ -10,6 +10,7 @@ ENVIRONMENT = {
     "JAX_PLATFORMS": "cpu",
     "JAX_ENABLE_X64": "1",
 }
+CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}  # that this process may use, before it keeps to one
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 
 

@@ -16,8 +16,10 @@ COLUMNS = ("benchmark", "peer", "asked", "reached", "median", "wall", "baseline"
 
 
 def figure(value: float | None, unit: str) -> str:
-    """A ratio or seconds with three digits; a dash where there is none."""
-    return "-" if value is None or value != value else f"{value:.2f}{' ' * (unit == 's')}{unit}"
+    """A ratio, seconds or GB with two decimals, small ones with two digits; a dash where there is none."""
+    if value is None or value != value:
+        return "-"
+    return f"{value:{'.2f' if value >= 0.1 else '.2g'}}{' ' * (unit != 'x')}{unit}"
 
 
 def duration(seconds: float | None, items: int) -> str:

@@ -12,20 +12,20 @@ class Benchmark:
     """A measurement and the largest figure that passes.
 
     **Arguments**: asked: None where no figure was asked for and only the baseline guards it; unit: "x" for our time over the
-    peer's, "s" for seconds.
+    peer's, "s" for seconds, "GB" for memory.
     """
 
     name: str
     peer: str
     asked: float | None
-    unit: Literal["x", "s"]
+    unit: Literal["x", "s", "GB"]
     measure: Callable[[], Measured]
 
 
 BENCHMARKS: dict[str, Benchmark] = {}
 
 
-def benchmark(name: str, *, peer: str, asked: float | None, unit: Literal["x", "s"] = "x"):
+def benchmark(name: str, *, peer: str, asked: float | None, unit: Literal["x", "s", "GB"] = "x"):
     """Puts a function that measures into the list."""
 
     def register(measure: Callable[[], Measured]) -> Callable[[], Measured]:

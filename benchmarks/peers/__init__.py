@@ -5,8 +5,9 @@ float64 (int32 for swings): what is timed copies nothing.
 """
 
 import ctypes
+from collections.abc import Callable
 from ctypes import POINTER, c_double, c_int, c_int32, c_int64
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -21,6 +22,7 @@ __all__ = [
     "gauss_newton",
     "ground_to_image",
     "image_to_ground",
+    "prepared_gauss_newton",
     "processor",
 ]
 
@@ -51,6 +53,7 @@ class _Whiskbroom(ctypes.Structure):
 
 class _Observations(ctypes.Structure):
     _fields_ = [
+        ("lanes", c_int64),
         ("count", c_int64),
         ("ecef_from_platform", _doubles),
         ("antenna_m", _doubles),
@@ -122,7 +125,8 @@ class Flight:
 
 @dataclass(frozen=True)
 class Baked:
-    """Observations whose POS and encoders have been evaluated, for calibration.
+    """Observations whose POS and encoders have been evaluated, for calibration; or lanes of them, (lanes, n, ...) in place of
+    (n, ...), for as many calibrations.
 
     **Arguments**: ecef_from_platform (n, 3, 3), x forward, y left, z up; antenna_m (n, 3) ECEF; scan_sin_cos and
     pitch_sin_cos (n, 2); right (n,) int32, 0 left and 1 right swing; point_m (n, 3) ECEF; pixel_px and sigma_px (n, 2).
@@ -138,26 +142,34 @@ class Baked:
     sigma_px: np.ndarray
     focal_px: float
 
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Baked":
+        """The same with every array changed alike: lanes made or taken."""
+        return replace(self, **{name: change(a) for name, a in vars(self).items() if isinstance(a, np.ndarray)})
+
     def _struct(self) -> _Observations:
-        n = len(self.right)
-        return _Observations(
+        lead = self.right.shape
+        lanes, n = lead if len(lead) == 2 else (1, *lead)
+        struct = _Observations(
+            lanes,
             n,
-            _pointer(self.ecef_from_platform, (n, 3, 3)),
-            _pointer(self.antenna_m, (n, 3)),
-            _pointer(self.scan_sin_cos, (n, 2)),
-            _pointer(self.pitch_sin_cos, (n, 2)),
-            _pointer(self.right, (n,), c_int32),
-            _pointer(self.point_m, (n, 3)),
-            _pointer(self.pixel_px, (n, 2)),
-            _pointer(self.sigma_px, (n, 2)),
+            _pointer(self.ecef_from_platform, (*lead, 3, 3)),
+            _pointer(self.antenna_m, (*lead, 3)),
+            _pointer(self.scan_sin_cos, (*lead, 2)),
+            _pointer(self.pitch_sin_cos, (*lead, 2)),
+            _pointer(self.right, lead, c_int32),
+            _pointer(self.point_m, (*lead, 3)),
+            _pointer(self.pixel_px, (*lead, 2)),
+            _pointer(self.sigma_px, (*lead, 2)),
             self.focal_px,
         )
+        struct.arrays = self  # it only points to them: they must live as long
+        return struct
 
 
 @cache
-def _function(name: str, *argtypes, restype=None):
+def _function(name: str, *argtypes):
     function = getattr(ctypes.CDLL(str(library(name))), name)
-    function.argtypes, function.restype = argtypes, restype
+    function.argtypes, function.restype = argtypes, None
     return function
 
 
@@ -190,11 +202,23 @@ def ground_to_image(flight: Flight, point_m: np.ndarray, window_s: tuple[float, 
 def gauss_newton(observed: Baked, prior_mean: np.ndarray, prior_sigma: np.ndarray, steps: int) -> np.ndarray:
     """Calibrates 15 unknowns: u_gps, R_pos left, R_pos right, u_sen, R_sen, three components each, metres and radians.
 
-    **Arguments**: prior_mean, which is also the start, and prior_sigma (15,). **Returns**: (15,) after `steps` steps.
+    **Arguments**: prior_mean, which is also the start, and prior_sigma (15,), the same for all lanes. **Returns**: (15,), or
+    (lanes, 15), after `steps` steps; NaN where a normal matrix was not positive definite.
     """
-    value = np.empty(15)
-    call = _function("gauss_newton", POINTER(_Observations), _doubles, _doubles, c_int, _doubles, restype=c_int)
-    prior = _pointer(prior_mean, (15,)), _pointer(prior_sigma, (15,))
-    if call(observed._struct(), *prior, steps, _pointer(value, (15,))):
-        raise ArithmeticError("the normal matrix is not positive definite")
-    return value
+    return prepared_gauss_newton(observed, prior_mean, prior_sigma, steps)()
+
+
+def prepared_gauss_newton(
+    observed: Baked, prior_mean: np.ndarray, prior_sigma: np.ndarray, steps: int
+) -> Callable[[], np.ndarray]:
+    """`gauss_newton` as a call in which next to nothing but C++ runs: to make the pointers takes as long as to calibrate."""
+    value = np.empty((*observed.right.shape[:-1], 15))
+    call = _function("gauss_newton", POINTER(_Observations), _doubles, _doubles, c_int, _doubles)
+    struct, mean, sigma = observed._struct(), _pointer(prior_mean, (15,)), _pointer(prior_sigma, (15,))
+    out = _pointer(value, value.shape)
+
+    def run() -> np.ndarray:
+        call(struct, mean, sigma, steps, out)
+        return value
+
+    return run

@@ -1,6 +1,7 @@
 """Compiles the C++ peers when they are first used, and again when their source, compiler or flags change."""
 
 import hashlib
+import importlib.metadata
 import os
 import platform
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 BUILT = HERE / "build"
-FLAGS = ("-O3", "-march=native", "-std=c++17", "-Wall", "-Wextra", "-shared", "-fPIC")
+FLAGS = ("-O3", "-march=native", "-std=c++17", "-DNDEBUG", "-shared", "-fPIC")
 
 
 class MissingPeer(RuntimeError):
@@ -30,21 +31,31 @@ def compiler_version() -> str:
     return subprocess.run([compiler(), "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
 
 
+def eigen() -> tuple[str, Path]:
+    """Version and include folder of Eigen, whose headers the package cmeel-eigen brings."""
+    try:
+        package = importlib.metadata.distribution("cmeel-eigen")
+    except importlib.metadata.PackageNotFoundError as error:
+        raise MissingPeer("the C++ peers need the headers of Eigen: pip install 'whiskjax[bench]'") from error
+    return package.version, Path(str(package.locate_file("cmeel.prefix/include/eigen3")))
+
+
 def library(name: str) -> Path:
     """The shared library built from `name`.cpp.
 
-    The file is named after everything that goes into it: the source, every header, the flags, the compiler's version
-    and, because of -march=native, the processor with its instruction sets.
+    The file is named after everything that goes into it: the source, every header, the flags, the versions of Eigen and of the
+    compiler and, because of -march=native, the processor with its instruction sets.
     """
     cxx = compiler()
-    content = hashlib.sha256("\n".join([*FLAGS, compiler_version(), *_processor()]).encode())
+    eigen_version, eigen_headers = eigen()
+    content = hashlib.sha256("\n".join([*FLAGS, eigen_version, compiler_version(), *_processor()]).encode())
     for source in (HERE / f"{name}.cpp", *sorted(HERE.glob("*.hpp"))):
         content.update(source.read_bytes())
     target = BUILT / f"{name}-{content.hexdigest()[:16]}.so"
     if not target.exists():
         BUILT.mkdir(exist_ok=True)
         unfinished = target.with_suffix(f".{os.getpid()}")
-        command = [cxx, *FLAGS, "-o", str(unfinished), str(HERE / f"{name}.cpp")]
+        command = [cxx, *FLAGS, f"-I{eigen_headers}", "-o", str(unfinished), str(HERE / f"{name}.cpp")]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise MissingPeer(f"the peer {name}.cpp does not compile:\n{' '.join(command)}\n{done.stderr}")

@@ -12,9 +12,6 @@ inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a.x - b.x, a.y - b
 inline Vec3 operator*(double s, const Vec3& a) { return {s * a.x, s * a.y, s * a.z}; }
 inline double dot(const Vec3& a, const Vec3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
-inline Vec3 cross(const Vec3& a, const Vec3& b) {
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
 inline Vec3 load(const double* p) { return {p[0], p[1], p[2]}; }
 
 // Three rows.
@@ -23,9 +20,6 @@ struct Mat3 {
 };
 
 inline Vec3 operator*(const Mat3& m, const Vec3& v) { return {dot(m.r0, v), dot(m.r1, v), dot(m.r2, v)}; }
-inline Mat3 transpose(const Mat3& m) {
-    return {{m.r0.x, m.r1.x, m.r2.x}, {m.r0.y, m.r1.y, m.r2.y}, {m.r0.z, m.r1.z, m.r2.z}};
-}
 inline Vec3 transpose_times(const Mat3& m, const Vec3& v) { return v.x * m.r0 + v.y * m.r1 + v.z * m.r2; }
 inline Mat3 operator*(const Mat3& a, const Mat3& b) {
     return {transpose_times(b, a.r0), transpose_times(b, a.r1), transpose_times(b, a.r2)};

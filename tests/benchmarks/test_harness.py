@@ -32,6 +32,14 @@ def test_the_gate(asked, reached, baseline, why):
     assert report.verdict(of(asked), Measured(reached), baseline) == why
 
 
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [(1.184, "x", "1.18x"), (0.0324, "x", "0.032x"), (2.0, "GB", "2.00 GB"), (1.934, "s", "1.93 s"), (math.nan, "x", "-")],
+)
+def test_figures_keep_two_digits(value, unit, text):
+    assert report.figure(value, unit) == text
+
+
 def test_a_missing_peer_fails_and_the_table_says_so():
     rows = [(of(1.0), "no peer: pyproj is not installed")]
     assert report.verdict(*rows[0], None)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks import peers
 from benchmarks.peers import build
+from benchmarks.peers.scipy_calibration import ScipyCalibration
 
 A, F = 6378137.0, 1 / 298.257223563
 E2 = F * (2 - F)
@@ -205,15 +206,21 @@ def project(unknowns, platform, antenna, scan, ring, right, point):
     return np.stack([-FOCAL_PX * x / z, np.where(right == 1, -1, 1) * -FOCAL_PX * y / z], -1)
 
 
-def test_gauss_newton_reaches_the_minimum_of_scipy_least_squares():
-    b = baked(8)
+def whitening(b, mean):
+    """Whitened residuals of observations and priors as a function of the whitened unknowns."""
     arrays = (b.ecef_from_platform, b.antenna_m, b.scan_sin_cos, b.pitch_sin_cos, b.right, b.point_m)
-    mean = TRUTH + 0.5 * SIGMA * np.random.default_rng(9).normal(size=15)
 
     def whitened(u):
         residual = (b.pixel_px - project(mean + SIGMA * u, *arrays)) / b.sigma_px
         return np.r_[residual.ravel(), u]
 
+    return whitened
+
+
+def test_gauss_newton_reaches_the_minimum_of_scipy_least_squares():
+    b = baked(8)
+    mean = TRUTH + 0.5 * SIGMA * np.random.default_rng(9).normal(size=15)
+    whitened = whitening(b, mean)
     best = least_squares(whitened, np.zeros(15), jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-13)
     value = peers.gauss_newton(b, mean, SIGMA, 8)
     np.testing.assert_allclose((value - mean) / SIGMA, best.x, rtol=0, atol=1e-6)
@@ -227,6 +234,43 @@ def best_jacobian(function):
     """Central differences at zero."""
     step = 1e-5
     return np.stack([(function(e) - function(-e)) / (2 * step) for e in step * np.eye(15)], -1)
+
+
+def test_gauss_newton_of_lanes_is_that_of_each():
+    alone = [baked(seed) for seed in (11, 12, 13)]
+    alone[1].sigma_px[:] = np.nan
+    lanes = peers.Baked(**{k: np.stack([vars(b)[k] for b in alone]) if k != "focal_px" else FOCAL_PX for k in vars(alone[0])})
+    value = peers.gauss_newton(lanes, TRUTH, SIGMA, 5)
+    np.testing.assert_array_equal(value, [peers.gauss_newton(b, TRUTH, SIGMA, 5) for b in alone])
+    np.testing.assert_array_equal(np.isnan(value).all(-1), [False, True, False])
+
+
+def test_a_prepared_call_keeps_what_it_points_to():
+    run = peers.prepared_gauss_newton(baked(14), TRUTH, SIGMA, 5)
+    _ = [np.full((130, 3), np.nan) for _ in range(100)]  # would be written over arrays that were freed
+    np.testing.assert_array_equal(run(), peers.gauss_newton(baked(14), TRUTH, SIGMA, 5))
+
+
+def test_scipy_calibration():
+    b = baked(15)
+    rng = np.random.default_rng(16)
+    mean, u = TRUTH + 0.5 * SIGMA * rng.normal(size=15), rng.normal(size=15)
+    whitened, peer = whitening(b, mean), ScipyCalibration(b, mean, SIGMA)
+    np.testing.assert_allclose(peer.residual(u), whitened(u), rtol=0, atol=1e-8)
+    differences = best_jacobian(lambda du: whitened(u + du))
+    np.testing.assert_allclose(peer.jacobian(u), differences, rtol=0, atol=1e-9 * np.abs(differences).max())
+    cxx = (peers.gauss_newton(b, mean, SIGMA, 8) - mean) / SIGMA
+    np.testing.assert_allclose(peer.solve(), cxx, rtol=0, atol=1e-5)  # scipy stops at 1e-8 of the cost
+
+
+def test_missing_headers_are_named(monkeypatch):
+    monkeypatch.setattr(build.importlib.metadata, "distribution", distribution_that_is_not_installed)
+    with pytest.raises(build.MissingPeer, match=r"headers of Eigen: pip install 'whiskjax\[bench\]'"):
+        build.library("gauss_newton")
+
+
+def distribution_that_is_not_installed(name):
+    raise build.importlib.metadata.PackageNotFoundError(name)
 
 
 def test_a_missing_compiler_is_named(monkeypatch):

@@ -77,3 +77,45 @@ def test_the_first_failing_link_is_reported():
     codes = np.asarray(jax.tree.leaves(result)[0])
     expected = [R.successful, R.time_in_gap, R.time_outside_trajectory, R.unknown_key, R.time_in_gap]
     np.testing.assert_array_equal(codes, [int(jax.tree.leaves(r)[0]) for r in expected])
+
+
+def test_a_link_is_added_behind_a_frame():
+    """Everything that stood further in stands behind it."""
+    correction = wj.Correction(wj.Bias(), shift_m=[[10.0, 20.0, 30.0]])
+    sensor = wj.Sensor({"z": MOUNT, "a": AXES, "m": MOUNT}, CAMERA)
+    shot = wj.Shot(time_s=0.0)
+    for frame, names in (("z", ("z", "new", "a", "m")), ("a", ("z", "a", "new", "m")), ("m", ("z", "a", "m", "new"))):
+        longer = sensor.after(frame, "new", correction)
+        assert longer.names == names
+        assert longer["new"] is correction and longer["camera"] is CAMERA and longer["a"] is AXES
+        expected = sensor.pose(shot, frame) @ correction.pose(shot)
+        np.testing.assert_allclose(longer.pose(shot, "new").matrix, expected.matrix, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(longer.pose(shot, "new").origin_m, expected.origin_m, rtol=0, atol=1e-13)
+    assert sensor.names == ("z", "a", "m")
+
+
+def test_a_correction_of_zero_behind_a_frame_changes_no_image():
+    camera = wj.FrameCamera(1000.0, (0.0, 0.0))
+    sensor = wj.Sensor({"station": wj.Mount(lever_arm_m=[0.0, 0.0, 100.0]), "camera_mount": wj.Mount()}, camera)
+    point = np.array([3.0, -4.0, 5.0])
+    shot = wj.Shot(time_s=0.0)
+    plain = wj.project(sensor, shot, point).pixel_px
+    none = sensor.after("station", "bias", wj.Correction(wj.Bias(), np.zeros((1, 3)), np.zeros((1, 3))))
+    np.testing.assert_allclose(wj.project(none, shot, point).pixel_px, plain, rtol=0, atol=1e-12)
+    moved = sensor.after("station", "bias", wj.Correction(wj.Bias(), shift_m=[[3.0, -4.0, 0.0]]))
+    np.testing.assert_allclose(wj.project(moved, shot, point).pixel_px, [0.0, 0.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "frame, name, link, message",
+    [
+        ("b", "new", MOUNT, "no frame named 'b'; there are z, a"),
+        ("camera", "new", MOUNT, "no frame named 'camera'; there are z, a"),
+        ("z", "a", MOUNT, "already a link named 'a'"),
+        ("z", "earth", MOUNT, "'earth' cannot name a frame"),
+        ("z", "new", CAMERA, "new: a link is needed here, not LineCamera"),
+    ],
+)
+def test_a_link_that_cannot_be_added_is_refused(frame, name, link, message):
+    with pytest.raises(wj.WhiskjaxError, match=message):
+        wj.Sensor({"z": MOUNT, "a": AXES}, CAMERA).after(frame, name, link)

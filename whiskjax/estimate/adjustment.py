@@ -102,8 +102,12 @@ def prepare(
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
     problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
-    baked, *first = _prepare(problem, jnp.asarray(start))
-    before, follows, unseen = (by_observation(part, indices, len(observations)) for part in first)
+    baked, linked = _bake(problem, jnp.asarray(start))
+    before, follows, seen = _begin(baked, jnp.asarray(start))
+    n = len(observations)
+    before, linked, unseen = (by_observation(part, indices, n) for part in (before, linked, seen))
+    follows = by_observation([np.stack(six) for six in follows], indices, n).reshape(n, 2, 3)
+    unseen = np.where(linked != 0, linked, unseen)
     weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
     prior = np.asarray(problem.prior)
     return Ready(weigh(baked, weight, indices), indices, observations, start, follows, weight, prior, before, unseen)
@@ -203,21 +207,29 @@ def pixels(problem: Problem, group: Group, u: Array) -> tuple[Array, Array]:
 
 
 @eqx.filter_jit
-def _prepare(problem: Problem, start: Array):
-    """The baked problem; for each group the residuals in pixels, the 2x3 derivatives by the ground point, and failure codes.
+def _bake(problem: Problem, start: Array):
+    """The baked problem, and for each group the failures of its links: a baked pose does not know its time any more."""
+    codes = []
+    for group in problem.groups:
+        linked = jax.tree.leaves(problem.put(start).check(group.shot))[0]
+        codes.append(linked + jnp.zeros(group.point[0].shape, dtype=jnp.int32))
+    return problem.baked(), codes
 
-    The links are checked before they are baked, because a baked pose does not know its time any more.
+
+@eqx.filter_jit
+def _begin(problem: Problem, start: Array):
+    """For each group residuals in pixels, the six derivatives by the ground point, and failure codes of the camera.
+
+    Compiled apart from `_bake`, and without stacking the derivatives: XLA would evaluate the links again for each of them.
     """
-    baked = problem.baked()
     before, follows, unseen = [], [], []
-    for raw, group in zip(problem.groups, baked.groups, strict=True):
-        residual, code = pixels(baked, group, start)
-        linked = jax.tree.leaves(problem.put(start).check(raw.shot))[0] + jnp.zeros_like(code)
-        derivative = sweep(baked.put(start), group.shot, group.point).derivatives["earth"]
+    for group in problem.groups:
+        residual, code = pixels(problem, group, start)
+        derivative = sweep(problem.put(start), group.shot, group.point).derivatives["earth"]
         before.append(residual)
-        follows.append(jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in derivative]))
-        unseen.append(jnp.where(linked != 0, linked, code))
-    return baked, before, follows, unseen
+        follows.append(tuple(jnp.broadcast_to(c, code.shape) for row in derivative for c in row))
+        unseen.append(code)
+    return before, follows, unseen
 
 
 @eqx.filter_jit

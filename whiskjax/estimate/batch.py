@@ -139,6 +139,8 @@ def calibrate_batch(
         while share := list(itertools.islice(runs_left, _SHARE)):
             ready = []
             for number, (sensor, observations) in enumerate(share, start=count):
+                if not observations.is_control.any():
+                    raise WhiskjaxError(f"run {number}: all points are check points; at least one control point is needed")
                 ready.append(prepare(sensor, observations, unknowns, None, split=True))
                 shape = shape or _shape(ready[0])
                 if _shape(ready[-1]) != shape:
@@ -178,6 +180,8 @@ def calibrate_redrawn(
     pixel_px = np.asarray(pixel_px)
     if pixel_px.ndim != 3 or pixel_px.shape[1:] != observations.pixel_px.shape or len(pixel_px) == 0:
         raise WhiskjaxError(f"pixel_px has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2)")
+    if not observations.is_control.any():
+        raise WhiskjaxError("all points are check points; at least one control point is needed")
     ready = prepare(sensor, observations, unknowns, None, split=True)
     refuse(ready.unseen, observations)
     problem = _on_host(ready)
@@ -252,8 +256,6 @@ def _gather(
     if not done:
         raise WhiskjaxError("calibrate_batch: there are no runs")
     layout = done[0][0].layout
-    if not layout.observations.is_control.any():
-        raise WhiskjaxError("all points are check points; at least one control point is needed")
     solved = [job.result() for _, job in done]
     u, covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("u", "covariance", "cost"))
     after = [by_observation_of_runs(lanes.residual_px, layout.indices) for lanes in solved]

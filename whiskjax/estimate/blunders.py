@@ -14,7 +14,7 @@ from ..rules import WhiskjaxError
 from .adjustment import Here, Ready, linearise, settle
 from .reliability import squared_residuals, whitened_covariance
 
-_NARROWING, _STARTS = 2.0, 30
+_NARROWING, _STARTS, _SOME = 2.0, 60, (0.1, 0.5)
 _SAME = 1e-4  # of a prior sigma: the descent only has to find the right points
 _ROUNDS = 30
 
@@ -64,16 +64,16 @@ def snoop(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], rule: Blund
 
 
 def _robust(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float) -> Here:
-    """Where most points agree: the lowest of the Geman-McClure minima reached from all points and from random halves of them.
+    """Where most points agree: the lowest of the Geman-McClure minima reached from all points and from some, at random.
 
-    Blunders in a cluster all pull one way, and hold the descent from all points; a half may have few of them. The candidates are
-    compared in the linear model, the best one is then followed through the chain.
+    Blunders in a cluster all pull one way, and hold the descent from all points; among some of the points they may be few. The
+    candidates are compared in the linear model, the best one is then followed through the chain.
     """
     draw = np.random.default_rng(0)
     starts = [here]
     for _ in range(_STARTS):
-        half = control & (draw.random(len(control)) < 0.5)
-        starts.append(settle(ready, here, half.astype(float), steps=1, frozen=True))
+        some = control & (draw.random(len(control)) < draw.uniform(*_SOME))
+        starts.append(settle(ready, here, some.astype(float), steps=1, frozen=True))
     reached = [_descend(ready, start, control, bound, frozen=True) for start in starts]
     best = min(reached, key=lambda end: float((end.squared[control] / (bound + end.squared[control])).sum()))
     return _descend(ready, linearise(ready, best.u), control, bound, frozen=False)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
 from ..rules.results import codes_of, is_successful, message_of
-from .adjustment import Here, Ready, linearise, prepare, refuse, settle, solve
+from .adjustment import Here, Ready, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
 from .diagnosis import consistency, lopsided, repeated, warnings_of
 from .losses import AbstractLoss
@@ -198,7 +198,8 @@ def _cleanse(
     used, found, given = control, None, ready
     if blunders is not None:
         here, used = snoop(ready, here, control, blunders)
-    if reweigh is None:
+    rows, _ = weighted_rows(ready, here, used.astype(float))
+    if reweigh is None or np.linalg.matrix_rank(rows) < len(unknowns):  # what nothing determines has no weights either
         return ready, here, used, unknowns, None
     grouping = group(reweigh, ready.observations, unknowns)
     for _ in range(_ROUNDS):

@@ -47,17 +47,23 @@ class Posterior:
 
 
 def _null_space(jacobian: Float[np.ndarray, "rows k"]) -> tuple[int, Float[np.ndarray, "nullity k"], float]:
-    """Structural rank, an orthonormal null space and the condition number of the column-scaled Jacobian."""
-    length = np.linalg.norm(jacobian, axis=0)
-    acts = length > 0
-    scaled = jacobian / np.where(acts, length, 1.0)
+    """Structural rank, a null space and the condition number of the Jacobian, its columns scaled to length one.
+
+    So scaled, the parts of a null vector say what each unknown does to the residuals, whatever its unit.
+    """
+    length = _length(jacobian)
+    scaled = jacobian / length
     triangle = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > scaled.shape[1] else scaled
     _, values, vectors = np.linalg.svd(triangle, full_matrices=True)
     values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
     rank = int((values > _RANK_TOLERANCE * values[0]).sum()) if values[0] > 0 else 0
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    null = vectors[rank:] / np.where(acts, length, 1.0)
-    return rank, null / np.abs(null).max(axis=1, keepdims=True) if len(null) else null, condition
+    return rank, _separate(vectors[rank:]), condition
+
+
+def _length(jacobian: Float[np.ndarray, "rows k"]) -> Float[np.ndarray, " k"]:
+    length = np.linalg.norm(jacobian, axis=0)
+    return np.where(length > 0, length, 1.0)
 
 
 def _separate(null: Float[np.ndarray, "nullity k"]) -> Float[np.ndarray, "nullity k"]:
@@ -70,6 +76,15 @@ def _separate(null: Float[np.ndarray, "nullity k"]) -> Float[np.ndarray, "nullit
             if other != row:
                 basis[other] -= basis[other, pivot] * basis[row]
     return basis / np.abs(basis).max(axis=1, keepdims=True) if len(basis) else basis
+
+
+def _named(
+    effect: Float[np.ndarray, " k"], move: Float[np.ndarray, " k"], scale: Float[np.ndarray, " k"], names: Sequence[str]
+) -> dict[str, float]:
+    """A move that changes nothing, in the units of the fields; parts that hardly act on the residuals are left out."""
+    acting = np.abs(effect) > _NAMED_SHARE
+    move = np.where(acting, move, 0.0)
+    return {names[i]: float(move[i] * scale[i] / np.abs(move).max()) for i in np.flatnonzero(acting).tolist()}
 
 
 def posterior(
@@ -106,6 +121,6 @@ def posterior(
         correlation = whitened / np.outer(sigma_u, sigma_u)
         share = np.where(prior > 0, 1 - (prior * sigma_u) ** 2, np.nan)
     untouched = (jacobian == 0).all(axis=0)
-    directions = tuple({names[i]: float(v[i] * scale[i]) for i in range(k) if abs(v[i]) > _NAMED_SHARE} for v in _separate(null))
+    directions = tuple(_named(v, v / _length(jacobian), scale, names) for v in null)
     named = tuple(name for name, unseen in zip(names, untouched, strict=True) if unseen)
     return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, named, condition)

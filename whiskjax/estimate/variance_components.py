@@ -74,7 +74,7 @@ class Grouping(NamedTuple):
 def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]) -> Grouping:
     """Who shares a factor with whom.
 
-    **Raises:** `WhiskjaxError` where a group of priors names an unknown that there is not, that has no prior, or twice.
+    **Raises:** `WhiskjaxError` where a group of priors is empty, or names an unknown that there is not, that has no prior, or twice.
     """
     pooled = not rule.images or not len(observations.images)
     images = ["all images"] * len(observations) if pooled else list(observations.images)
@@ -86,6 +86,8 @@ def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]
     known = [x.name for x in unknowns]
     prior = np.full(len(unknowns), -1)
     for k, (name, members) in enumerate(_prior_groups(rule, unknowns).items(), start=len(names)):
+        if not members or name in names:
+            raise WhiskjaxError(f"Reweigh: the group of priors {name!r} is empty, or called as a group of observations is")
         for member in members:
             if member not in known or unknowns[known.index(member)].sigma is None:
                 raise WhiskjaxError(f"Reweigh: group {name!r} lists {member!r}, which is no unknown with a prior")

@@ -265,6 +265,7 @@ def simulate(seed: int, *, noise: bool = True, drift: bool = True, truth: Truth 
                 name,
                 lines=LineTimes(np.array([0.0, LINES_HZ * SWING_S]), start + np.array([0.0, SWING_S]), name),
                 swing=_swing(name),
+                strip=f"pair_{name[1]}",
             )
             for name, (start, *_) in SCENES.items()
         ],

@@ -24,7 +24,9 @@ from .haian_open import (
 )  # fmt: skip
 
 QUESTIONS = ("weights", "drift", "blunders", "which model, shared truth", "which model, split truth", "POS errors", "covariance")
-_ASKED_SHARE = 0.20  # of wrong points; more says where the method ends
+# Up to these shares of wrong points the bound is asked for; beyond, the figures say where the method ends: a cluster that is
+# off by a few sigmas is explained better by a bent model than by the truth (its robust cost is lower).
+_ASKED_SHARE = {"scattered": 0.20, "clustered": 0.10}
 
 
 class Finding(NamedTuple):
@@ -53,9 +55,9 @@ class Finding(NamedTuple):
 class Sizes:
     """How many seeds or runs each question is asked of."""
 
-    weights: int = 40
-    drift: int = 40
-    blunders: int = 25
+    weights: int = 30
+    drift: int = 30
+    blunders: int = 40
     models: int = 200
     pos: int = 600
     honesty: int = 10_000
@@ -106,11 +108,13 @@ class Answers:
         rows = []
         for (how, share), s in self.blunders.items():
             case, clean, wrong = f"{share:.0%} of the control points wrong, {how}", s.clean.mean(), s.found.sum() + s.missed.sum()
-            asked = 1.10 if share <= _ASKED_SHARE else None
+            asked = 1.10 if share <= _ASKED_SHARE[how] else None
             rows += [
                 (f"{case}: prediction error over the clean one", "1", None, asked, s.found_px.mean() / clean),
                 (f"{case}: the same, were the wrong points known", "1", None, None, s.oracle.mean() / clean),
-                (f"{case}: the same by least squares", "1", None, None, s.plain.mean() / clean),
+                (f"{case}: the same, median over the flights", "1", None, None, np.median(s.found_px / s.clean)),
+                (f"{case}: flights where it is over 1.5 times that of known points", "%", None, None, 100 * _lost(s)),
+                (f"{case}: prediction error of least squares over the clean one", "1", None, None, s.plain.mean() / clean),
                 (f"{case}: wrong points named", "%", None, None, 100 * s.found.sum() / wrong),
                 (f"{case}: good points named, a flight", "1", None, None, s.false.mean()),
             ]
@@ -140,6 +144,10 @@ class Answers:
             ("runs that ended well", "%", 100.0, None, 100 * h.is_successful.mean()),
         ]
         return _findings("honest covariance", rows)
+
+
+def _lost(s: Spoilt) -> float:
+    return float(np.mean(s.found_px > 1.5 * s.oracle))
 
 
 def _findings(question: str, rows: list[tuple[str, str, float | None, float | None, Any]]) -> list[Finding]:

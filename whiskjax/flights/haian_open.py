@@ -31,6 +31,7 @@ from .flight import Flight
 from .haian import POS_BIAS_M, POS_BIAS_RAD, PRIOR_SIGMA, SCENES, TABLE_4, Truth, simulate, unknowns
 
 FIRST_PAIR = ("L1", "R1")
+PAIRS = ("pair_1", "pair_2", "pair_3")
 ANCHORS = 6  # points of L3 and of R3 that tell of the drift
 DRIFT_SIGMA_RAD = np.radians(0.03)  # a-priori change of the boresight within 15 minutes
 SHARED = TABLE_4._replace(
@@ -237,7 +238,10 @@ def blunders(seeds: Sequence[int]) -> dict[tuple[str, float], Spoilt]:
 
 # ------------------------------------------------------------------------------------------------------------- d. which model
 def candidates(flight: Flight) -> dict[str, Calibration]:
-    """12 shared or 15 split unknowns, constant or drifting linearly, from both pairs' control points."""
+    """12 shared or 15 split unknowns, constant or drifting linearly, from the control points of the first and the last pair.
+
+    Each of them knows that the POS has a bias of its own in each pair: a model that does not takes it for drift.
+    """
     split = tuple(flight.unknowns)
     shared = tuple(
         dataclasses.replace(x, name=x.name.removesuffix("_left"), where=(x.where, x.where.replace("left", "right")))
@@ -246,11 +250,14 @@ def candidates(flight: Flight) -> dict[str, Calibration]:
         for x in split
         if not x.name.endswith("_right")
     )
-    out, found = {}, anchored(flight.observations())
+    sensor, pos = with_pos_bias(flight.sensor, PAIRS)
+    found = anchored(dataclasses.replace(flight, sensor=sensor).observations())
+    pos = tuple(x for x in pos if "pair_2" not in x.name)  # it has no control points
+    out = {}
     for name, given in (("12 shared", shared), ("15 split", split)):
         for kind, word in (("none", ""), ("linear", ", drifting")):
-            sensor, more = drifting(flight.sensor, kind, by_swing=name == "15 split")
-            out[name + word] = solved(flight, sensor=sensor, observations=found, unknowns=(*given, *more))
+            moving, more = drifting(sensor, kind, by_swing=name == "15 split")
+            out[name + word] = solved(flight, sensor=moving, observations=found, unknowns=(*given, *more, *pos))
     return out
 
 
@@ -266,9 +273,13 @@ def drawn_truth(run: int) -> Truth:
     return Truth(*(draw.normal(0, 1, 3) * sigma for sigma in PRIOR_SIGMA))
 
 
-def with_pos_bias(sensor: Sensor) -> tuple[Sensor, tuple[Unknown, ...]]:
-    """The sensor with a bias of the POS at the joint "body", and its six unknowns: what the scenario says of a pair."""
-    sensor = sensor.after("body", "pos_bias", Correction(Bias()))
+def with_pos_bias(sensor: Sensor, pairs: Sequence[str] = ()) -> tuple[Sensor, tuple[Unknown, ...]]:
+    """The sensor with a bias of the POS at the joint "body", and its six unknowns: as large as the scenario says.
+
+    **Arguments:** `pairs`: names of strips that have a bias each; none is one for all.
+    """
+    link = By("strip", {name: Correction(Bias()) for name in pairs}) if pairs else Correction(Bias())
+    sensor = sensor.after("body", "pos_bias", link)
     return sensor, motion_unknowns(sensor, "pos_bias", turn_sigma_rad=POS_BIAS_RAD.tolist(), shift_sigma_m=[POS_BIAS_M] * 3)
 
 
