@@ -15,12 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..algebra.vectors import Vec2
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.sweep import sweep
 from ..rules import RESULTS, SensorError, first_failure
 from ..rules.results import message_of
-from .least_squares import jacobian, levenberg_marquardt
+from .columns import columns
+from .least_squares import levenberg_marquardt
 from .losses import AbstractLoss
 from .observations import Observations
 from .problem import Group, Problem, by_observation, pose_problem, weigh
@@ -105,8 +107,8 @@ def prepare(
     baked, linked = _bake(problem, jnp.asarray(start))
     before, follows, seen = _begin(baked, jnp.asarray(start))
     n = len(observations)
-    before, linked, unseen = (by_observation(part, indices, n) for part in (before, linked, seen))
-    follows = by_observation([np.stack(six) for six in follows], indices, n).reshape(n, 2, 3)
+    before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
+    follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
     unseen = np.where(linked != 0, linked, unseen)
     weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
     prior = np.asarray(problem.prior)
@@ -130,7 +132,8 @@ def solve(ready: Ready, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[F
 def linearise(ready: Ready, u: Float[np.ndarray, " k"]) -> Here:
     """Residuals and derivatives of all observations at whitened unknowns."""
     n = len(ready.observations)
-    residual, rows, unseen = (by_observation(part, ready.indices, n) for part in _evaluate(ready.problem, jnp.asarray(u)))
+    residual, rows, unseen = _evaluate(ready.problem, jnp.asarray(u))
+    residual, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(residual), _stacked(rows), unseen))
     w00, w10, w11 = ready.weight.T
     x, y = residual.T
     x_rows = rows[:, 0] / w00[:, None]
@@ -196,14 +199,19 @@ def point_part(follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndar
     return follows @ covariance_m2 @ np.swapaxes(follows, -1, -2)
 
 
-def pixels(problem: Problem, group: Group, u: Array) -> tuple[Array, Array]:
-    """Residuals of a group in pixels (2, n), and the codes of observations that cannot have been made (n,)."""
+def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:
+    """Residuals (x, y) of a group in pixels, (n,) each, and the codes of observations that cannot have been made (n,)."""
     sensor = problem.put(u)
     camera, q = sensor.camera_at(group.shot), into_camera(sensor, group.shot, group.point)
     x, y = camera.pixel(q)
     result = first_failure(sensor.check(group.shot), camera.check_direction(q))
     code = jax.tree.leaves(result)[0] + jnp.zeros(x.shape, dtype=jnp.int32)
-    return jnp.stack([group.pixel[0] - x, group.pixel[1] - y]), code
+    return (group.pixel[0] - x, group.pixel[1] - y), code
+
+
+def _stacked(groups: list[tuple[Array, ...]]) -> list[np.ndarray]:
+    """Arrays that belong together, stacked on the host: in a compiled function XLA would repeat what they are made of."""
+    return [np.stack(arrays) for arrays in groups]
 
 
 @eqx.filter_jit
@@ -234,11 +242,13 @@ def _begin(problem: Problem, start: Array):
 
 @eqx.filter_jit
 def _evaluate(problem: Problem, u: Array):
-    """For each group: residuals in pixels, whitened derivatives, failure codes."""
+    """For each group: residuals in pixels (x, y), whitened derivatives (x, y), (unknowns, n) each, and failure codes."""
     after, rows, unseen = [], [], []
     for group in problem.groups:
         residual, code = pixels(problem, group, u)
         after.append(residual)
-        rows.append(jacobian(problem, group, u)[1])
+        _, by, order = columns(problem, group, u)
+        place = np.argsort([*order, *(k for k in range(len(u)) if k not in order)])
+        rows.append(tuple(jnp.pad(c, ((0, len(u) - len(order)), (0, 0)))[place] for c in by))
         unseen.append(code)
     return after, rows, unseen

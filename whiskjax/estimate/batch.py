@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..algebra.vectors import Vec2
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
 from ..rules.results import codes_of, failure_if
@@ -35,12 +36,15 @@ _SINGULAR = 1e-12
 
 
 class Lanes(eqx.Module):
-    """Solved lanes, whitened; `cost` is the sum of squared whitened residuals and priors, `residual_px` (lanes, 2, n) a group."""
+    """Solved lanes, whitened.
+
+    `cost` is the sum of squared whitened residuals and priors, `residual_px` (x, y) of each group, (lanes, n) each.
+    """
 
     u: Float[Array, "lanes k"]
     covariance: Float[Array, "lanes k k"]
     cost: Float[Array, " lanes"]
-    residual_px: tuple[Float[Array, "lanes 2 n"], ...]
+    residual_px: tuple[Vec2, ...]
     result: RESULTS
 
 
@@ -72,7 +76,7 @@ class Batch:
 
 
 def solve_lanes(
-    problem: Problem, start: Float[Array, "*lanes k"], steps: int = 6, chunk: int = 25, common: Problem | None = None
+    problem: Problem, start: Float[Array, "*lanes k"], steps: int = 6, chunk: int = 10, common: Problem | None = None
 ) -> Lanes:
     """Solve many baked problems of one shape; pure, to be compiled by the caller.
 
@@ -113,7 +117,7 @@ _compiled = eqx.filter_jit(solve_lanes)
 
 
 def calibrate_batch(
-    runs: Iterable[tuple[Sensor, Observations]], unknowns: Sequence[Unknown], *, steps: int = 6, chunk: int = 25
+    runs: Iterable[tuple[Sensor, Observations]], unknowns: Sequence[Unknown], *, steps: int = 6, chunk: int = 10
 ) -> Batch:
     """Calibrate every run: other seeds, other truths, other flights, of one instrument and one layout of points.
 
@@ -150,10 +154,13 @@ def calibrate_batch(
                     )
             count += len(share)
             stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
+            # What is one for all lanes also lets XLA see that a condition on it is (columns.py).
+            common = eqx.tree_at(lambda p: p.prior, jax.tree.map(lambda _: None, stacked), ready[0].prior, is_leaf=_is_none)
+            stacked = eqx.tree_at(lambda p: p.prior, stacked, None)
             start = np.stack([one.start for one in ready])
             before = np.stack([one.before_px for one in ready])
             unseen = np.stack([one.unseen.max() for one in ready])
-            yield _Share(ready[0], before, unseen), stacked, start, None
+            yield _Share(ready[0], before, unseen), stacked, start, common
 
     return _gather(shares(), unknowns, steps, chunk)
 
@@ -165,7 +172,7 @@ def calibrate_redrawn(
     pixel_px: Float[np.ndarray, "runs n 2"],
     *,
     steps: int = 6,
-    chunk: int = 25,
+    chunk: int = 10,
 ) -> Batch:
     """Calibrate one flight again and again, with other image measurements: new noise, or images of other truths.
 
@@ -198,7 +205,7 @@ def calibrate_redrawn(
     def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
         for first in range(0, len(pixel_px), _SHARE):
             drawn = pixel_px[first : first + _SHARE]
-            own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=lambda x: x is None)
+            own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=_is_none)
             before = ready.before_px + drawn - observations.pixel_px
             yield _Share(ready, before, np.zeros(len(drawn), dtype=np.int32)), own, ready.start, common
 
@@ -220,12 +227,12 @@ def images_of(
     ready = prepare(sensor, observations, unknowns, None)
     refuse(ready.unseen, observations)
     u = (np.asarray(values) - np.asarray(ready.problem.mean)) / ready.scale
-    residual = np.asarray(_residuals_of(ready.problem, jnp.asarray(u)))
+    residual = np.stack(_residuals_of(ready.problem, jnp.asarray(u)), axis=1)
     return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
 
 
 @eqx.filter_jit
-def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Float[Array, "runs 2 n"]:
+def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Vec2:
     (group,) = problem.groups
     return jax.lax.map(lambda one: pixels(problem, group, one)[0], u, batch_size=25)
 
@@ -258,7 +265,7 @@ def _gather(
     layout = done[0][0].layout
     solved = [job.result() for _, job in done]
     u, covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("u", "covariance", "cost"))
-    after = [by_observation_of_runs(lanes.residual_px, layout.indices) for lanes in solved]
+    after = [by_observation_of_runs([np.stack(pair, 1) for pair in lanes.residual_px], layout.indices) for lanes in solved]
     unseen = np.concatenate([share.unseen for share, _ in done])
     codes = np.concatenate([codes_of(lanes.result) for lanes in solved])
     used = int(layout.observations.is_control.sum())
@@ -275,9 +282,9 @@ def _gather(
 
 
 def _finished(problem: Problem, start: Any, steps: int, chunk: int, common: Problem | None) -> Lanes:
-    """Lanes as numpy arrays; a last, shorter share is filled up, so that nothing is compiled for its length."""
+    """Lanes as numpy arrays; a shorter share is filled up, so that nothing is compiled for its length."""
     lanes = problem.groups[0].pixel[0].shape[0]
-    fill = np.minimum(np.arange(-(-lanes // chunk) * chunk), lanes - 1)
+    fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), lanes - 1)
     problem = jax.tree.map(lambda a: a[fill] if isinstance(a, np.ndarray) else a, problem)
     start = start if start.ndim == 1 else start[fill]
     solved = _compiled(problem, jnp.asarray(start), steps, chunk, common)
@@ -299,6 +306,10 @@ def _ask_chunk(chunk: int) -> None:
 def _on_host(ready: Ready) -> Problem:
     """The problem with numpy arrays; exact zeros and ones of the chain stay numbers."""
     return jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, ready.problem)
+
+
+def _is_none(x: Any) -> bool:
+    return x is None
 
 
 def _stack(*leaves: Any) -> Any:

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float, Int
 
 from ..rules import RESULTS, first_failure
 from ..rules.results import failure_if
-from .problem import Group, Problem, residual, residuals
+from .columns import columns
+from .problem import Problem, residuals
 
 # Of a prior sigma or scale. Tighter, and the cost's own rounding rejects the last steps one after another (30 instead of 7);
 # `calibrate` goes the rest of the way with Gauss-Newton steps.
@@ -47,48 +48,34 @@ def levenberg_marquardt(problem: Problem, start: Float[Array, " unknowns"], max_
     return Solved(solution.value, solution.stats["num_steps"], result)
 
 
-def _rows(problem: Problem, group: Group, acting: Int[Array, " acting"], u: Float[Array, " unknowns"]):
-    """Residual components of a group and their derivatives by the unknowns that act on it: two rows of n, two of (acting, n)."""
-
-    def of(v):
-        return residual(group, problem.put(v))
-
-    value = of(u)
-    columns = jax.vmap(lambda e: jax.jvp(of, (u,), (e,))[1])(jnp.eye(u.shape[0])[acting, :])
-    return value, columns
-
-
-def jacobian(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> tuple[Array, Array]:
-    """Whitened residuals (2, n) of a group, without robust loss, and their derivatives (2, unknowns, n)."""
-    acting = jnp.asarray(problem.acting(group), dtype=jnp.int32)
-    value, columns = _rows(problem, group, acting, u)
-    full = [jnp.zeros((u.shape[0], c.shape[1])).at[acting].set(c) for c in columns]
-    return jnp.stack(value), jnp.stack(full)
-
-
 def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Array, "unknowns+1 unknowns+1"]:
     """Normal matrix of [J | r], priors included: only the unknowns that act on a group are differentiated for it.
 
     One product for each image axis: a Jacobian stacked from rows makes XLA compute the chain again for each row.
     """
     m = u.shape[0]
-    pull = jnp.append(problem.prior, 0.0)[:, None] * jnp.eye(m + 1)
-    pull = pull.at[:m, m].set(problem.prior * u)
-    normal = pull.T @ pull
+    pull = problem.prior**2
+    normal = jnp.diag(jnp.append(pull, (pull * u * u).sum())) + _border(pull * u)
     for group in (g for g in problem.groups if g.decides):
-        acting = problem.acting(group)
-        value, columns = _rows(problem, group, jnp.asarray(acting, dtype=jnp.int32), u)
+        residual, by, order = columns(problem, group, u)
         weight = 1.0
         if problem.loss is not None:
-            weight = jnp.sqrt(problem.loss.weight(value[0] * value[0] + value[1] * value[1]))
+            weight = jnp.sqrt(problem.loss.weight(residual[0] * residual[0] + residual[1] * residual[1]))
+        rows = [jnp.concatenate([c, r[None]]) * weight for c, r in zip(by, residual, strict=True)]
         # Where each unknown stands in the product; those that do not act find its last row, which is zero. (Adding to a part
         # of the matrix is a scatter, which costs as much as the product.)
-        place = np.full(m + 1, len(acting) + 1)
-        place[[*acting, m]] = np.arange(len(acting) + 1)
-        for r, column in zip(value, columns, strict=True):
-            rows = jnp.concatenate([column, r[None]]) * weight
-            normal = normal + jnp.pad(rows @ rows.T, (0, 1))[place[:, None], place[None, :]]
+        place = np.full(m + 1, len(order) + 1)
+        place[[*order, m]] = np.arange(len(order) + 1)
+        product = rows[0] @ rows[0].T + rows[1] @ rows[1].T
+        normal = normal + jnp.pad(product, (0, 1))[place[:, None], place[None, :]]
     return normal
+
+
+def _border(v: Float[Array, " unknowns"]) -> Float[Array, "unknowns+1 unknowns+1"]:
+    """A symmetric matrix with v in its last row and column, and zeros."""
+    full = jnp.append(v, 0.0)
+    last = jnp.arange(full.shape[0]) == v.shape[0]
+    return jnp.where(last[:, None], full[None, :], jnp.where(last[None, :], full[:, None], 0.0))
 
 
 def gauss_newton(problem: Problem, start: Float[Array, " unknowns"], steps: int = 5) -> Float[Array, " unknowns"]:

@@ -74,7 +74,7 @@ class Grouping(NamedTuple):
 def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]) -> Grouping:
     """Who shares a factor with whom.
 
-    **Raises:** `WhiskjaxError` where a group of priors is empty, or names an unknown that there is not, that has no prior, or twice.
+    **Raises:** `WhiskjaxError` where a group of priors is empty, or names an unknown twice, or one that is not or has no prior.
     """
     pooled = not rule.images or not len(observations.images)
     images = ["all images"] * len(observations) if pooled else list(observations.images)
