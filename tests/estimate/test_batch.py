@@ -265,7 +265,7 @@ def test_lanes_of_a_made_up_problem_are_scipys(stacked):
         np.testing.assert_allclose(found.u[i], best.x, atol=1e-7)
         np.testing.assert_allclose(found.covariance[i], np.linalg.inv(best.jac.T @ best.jac), atol=1e-6)
         assert found.cost[i] == pytest.approx(2 * best.cost, rel=1e-9)
-        np.testing.assert_allclose(found.residual_px[0][i].T[:6], 2 * residuals(best.x)[:12].reshape(6, 2), atol=1e-5)
+        np.testing.assert_allclose(np.stack(found.residual_px[0], -1)[i, :6], 2 * residuals(best.x)[:12].reshape(6, 2), atol=1e-5)
     assert (codes_of(found.result) == 0).all()
 
 

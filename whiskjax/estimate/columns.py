@@ -36,15 +36,15 @@ def columns(
 
     residual, passing = _once(seen, problem, u)
     of_link = [_columns_of_link(problem, group, u, name, *parts) for name, parts in zip(links, passing, strict=True)]
-    total = jnp.zeros((len(acting), *n)), jnp.zeros((len(acting), *n))
     order = [k for _, ks in of_link for k in ks]
     if sorted(order) == sorted(acting):  # no unknown lives in two links: nothing to add up
         x, y = (jnp.concatenate([pair[axis] for pair, _ in of_link]) for axis in (0, 1))
         return residual, (x, y), tuple(order)
-    for pair, ks in of_link:
+    x = y = jnp.zeros((len(acting), *n))
+    for (by_x, by_y), ks in of_link:
         place = np.array([acting.index(k) for k in ks])
-        total = tuple(t.at[place].add(c) for t, c in zip(total, pair, strict=True))
-    return residual, total, acting
+        x, y = x.at[place].add(by_x), y.at[place].add(by_y)
+    return residual, (x, y), acting
 
 
 def _once(of: Callable[[Array], Any], problem: Problem, u: Array) -> Any:
