@@ -132,7 +132,7 @@ def _drift(answers: Answers) -> Drawing:
     axes.set_xticks(range(len(SCENES)), [f"{name}\n{scene[0]:g} s" for name, scene in SCENES.items()])
     axes.set_ylim(bottom=0)
     axes.set_ylabel("prediction error (px)")
-    axes.legend(title="drift in the model", fontsize=SMALL, title_fontsize=SMALL, frameon=False)
+    axes.legend(title="drift in the model", fontsize=SMALL, title_fontsize=SMALL, frameon=False, loc="upper left")
     dress(axes, grid="y")
     caption = (
         "One dot a seed, bars are means. Fifteen minutes later (L3, R3) constant parameters miss by several pixels; with a "
