@@ -9,7 +9,7 @@ import pytest
 from benchmarks import batch, peers
 from benchmarks.peers.scipy_calibration import ScipyCalibration
 from whiskjax.estimate.batch import solve_lanes
-from whiskjax.estimate.least_squares import jacobian
+from whiskjax.estimate.columns import columns
 
 LANES = 3
 
@@ -34,10 +34,14 @@ def test_the_analytic_jacobian_of_the_scipy_peer_is_ours(lanes):
     own, common, _ = lanes
     i, u = 1, np.random.default_rng(5).normal(size=15)
     problem = eqx.combine(jax.tree.map(lambda a: a[i] if eqx.is_array(a) else a, own), common)
-    ours = [eqx.filter_jit(jacobian)(problem, group, jnp.asarray(u)) for group in problem.groups]
-    n = batch.POINTS
-    rows = np.concatenate([np.moveaxis(np.asarray(rows)[..., :n], -1, 0).reshape(2 * n, 15) for _, rows in ours])
-    residual = np.concatenate([np.asarray(value)[:, :n].T.ravel() for value, _ in ours])
+    n, rows, residual = batch.POINTS, [], []
+    for group in problem.groups:
+        value, by, order = eqx.filter_jit(columns)(problem, group, jnp.asarray(u))
+        full = np.zeros((n, 2, 15))
+        full[:, :, list(order)] = np.stack(by, 0)[..., :n].transpose(2, 0, 1)
+        rows.append(full.reshape(2 * n, 15))
+        residual.append(np.stack(value, -1)[:n].ravel())
+    rows, residual = np.concatenate(rows), np.concatenate(residual)
     peer = ScipyCalibration(batch.baked(LANES).each(lambda a: a[i]), *batch.prior())
     np.testing.assert_allclose(residual, peer.residual(u)[: 4 * n], rtol=0, atol=1e-8)
     np.testing.assert_allclose(rows, peer.jacobian(u)[: 4 * n], rtol=0, atol=1e-12 * np.abs(rows).max())
