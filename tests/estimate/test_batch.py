@@ -275,3 +275,14 @@ def test_one_start_may_serve_all_lanes(stacked):
     shared = solve(problem, jnp.asarray(starts[0]), 8, 5)
     own = solve(problem, jnp.asarray(starts), 8, 2)
     np.testing.assert_allclose(shared.u, own.u, atol=1e-12)
+
+
+def test_each_run_starts_from_its_own_sensor(flights):
+    """Without a prior an unknown counts from the sensor's own number, which is another one in each run."""
+    flight = flights[0]
+    one = [dataclasses.replace(flight.unknowns[-1], mean=None, sigma=None, scale=0.01)]
+    runs = [(wj.assign(flight.sensor, one, [start]), flight.observations()) for start in np.radians([-0.2, 0.3])]
+    found = wj.calibrate_batch(runs, one)
+    for i, (sensor, observations) in enumerate(runs):
+        alone = wj.calibrate(sensor, observations, one, throw=False)
+        np.testing.assert_allclose(found.value[i], alone.value, atol=1e-10)

@@ -160,7 +160,7 @@ def calibrate_batch(
             start = np.stack([one.start for one in ready])
             before = np.stack([one.before_px for one in ready])
             unseen = np.stack([one.unseen.max() for one in ready])
-            yield _Share(ready[0], before, unseen), stacked, start, common
+            yield _Share(ready[0], np.asarray(stacked.mean), before, unseen), stacked, start, common
 
     return _gather(shares(), unknowns, steps, chunk)
 
@@ -207,7 +207,8 @@ def calibrate_redrawn(
             drawn = pixel_px[first : first + _SHARE]
             own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=_is_none)
             before = ready.before_px + drawn - observations.pixel_px
-            yield _Share(ready, before, np.zeros(len(drawn), dtype=np.int32)), own, ready.start, common
+            nothing_failed = np.zeros(len(drawn), dtype=np.int32)
+            yield _Share(ready, np.asarray(problem.mean)[None], before, nothing_failed), own, ready.start, common
 
     return _gather(shares(), unknowns, steps, chunk)
 
@@ -238,9 +239,10 @@ def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Vec2:
 
 
 class _Share(NamedTuple):
-    """What the solver does not need: the layout of the runs, their residuals before, and failure codes of observations."""
+    """What the solver does not need: the layout of the runs; of each its mean, residuals before, and worst failure code."""
 
     layout: Ready
+    mean: Float[np.ndarray, "#lanes k"]
     before_px: Float[np.ndarray, "lanes n 2"]
     unseen: Int[np.ndarray, " lanes"]
 
@@ -264,14 +266,15 @@ def _gather(
         raise WhiskjaxError("calibrate_batch: there are no runs")
     layout = done[0][0].layout
     solved = [job.result() for _, job in done]
-    u, covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("u", "covariance", "cost"))
+    value = [share.mean + layout.scale * lanes.u for (share, _), lanes in zip(done, solved, strict=True)]
+    covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("covariance", "cost"))
     after = [by_observation_of_runs([np.stack(pair, 1) for pair in lanes.residual_px], layout.indices) for lanes in solved]
     unseen = np.concatenate([share.unseen for share, _ in done])
     codes = np.concatenate([codes_of(lanes.result) for lanes in solved])
     used = int(layout.observations.is_control.sum())
     return Batch(
         unknowns=tuple(unknowns),
-        value=layout.values(u),
+        value=np.concatenate(value),
         covariance=covariance * np.outer(layout.scale, layout.scale),
         cost=cost,
         degrees_of_freedom=2 * used + int((layout.prior > 0).sum()) - len(unknowns),
