@@ -16,8 +16,9 @@ from whiskjax.show.whiskbroom.tables import bands, swings
 
 DOCS = Path(__file__).parent
 BLUNDERS = (
-    "*Prediction error with gross errors in the control points, over that of clean ones. One dot a seed. Finding the wrong "
-    "points costs nothing against knowing them, up to a fifth of all points; in a cluster that is two fifths of one image's.*"
+    "*Prediction error with gross errors in the control points, over that of clean ones. One dot a seed. Scattered wrong "
+    "points cost no more than knowing and leaving them out; so do clusters, but for a few flights where a cluster is off by a "
+    "few sigmas only.*"
 )
 
 

@@ -26,7 +26,8 @@ from .haian_open import (
 QUESTIONS = ("weights", "drift", "blunders", "which model, shared truth", "which model, split truth", "POS errors", "covariance")
 # Up to these shares of wrong points the bound is asked for; beyond, the figures say where the method ends: a cluster that is
 # off by a few sigmas is explained better by a bent model than by the truth (its robust cost is lower).
-_ASKED_SHARE = {"scattered": 0.20, "clustered": 0.10}
+_ASKED_SHARE = {"scattered": 0.20, "clustered": 0.05}
+_UNSEEN = 100  # the search for blunders was tried on the seeds before this one while it was written
 
 
 class Finding(NamedTuple):
@@ -167,7 +168,7 @@ def ask(sizes: Sizes, on_question: Callable[[str], None] = lambda question: None
     return Answers(
         asked(0, lambda: weights(range(sizes.weights))),
         asked(1, lambda: drift(range(sizes.drift))),
-        asked(2, lambda: blunders(range(sizes.blunders))),
+        asked(2, lambda: blunders(range(_UNSEEN, _UNSEEN + sizes.blunders))),
         {
             "shared": asked(3, lambda: model_choice(range(sizes.models), truth=SHARED, drift=False)),
             "split": asked(4, lambda: model_choice(range(-(-sizes.models // 5)))),
