@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Vec2, add, mul, neg
+from ..algebra.vectors import Vec2, neg
 from ..chain.address import put
 from ..chain.sensor import Sensor
 from ..chain.sweep import sweep
@@ -32,7 +32,7 @@ def columns(
         outer = dict(zip((*problem.sensor.names, "camera"), found.points.values(), strict=True))
         residual = tuple(z - h for z, h in zip(group.pixel, found.pixel, strict=True))
         passing = [(outer[name], _whitened_rows(group, found.derivatives.get(name))) for name in links]
-        return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), (_whiten(group, residual), passing))
+        return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), (group.whiten(*residual), passing))
 
     residual, passing = _once(seen, problem, u)
     of_link = [_columns_of_link(problem, group, u, name, *parts) for name, parts in zip(links, passing, strict=True)]
@@ -65,7 +65,7 @@ def _columns_of_link(problem: Problem, group: Group, u: Array, name: str, point:
         value = problem.mean + problem.scale * v
         sensor: Sensor = put(problem.sensor, [p for _, p in places], [value[k] for k, _ in places])
         if name == "camera":
-            return _whiten(group, tuple(neg(h) for h in sensor.camera_at(group.shot).pixel(point)))
+            return group.whiten(*(neg(h) for h in sensor.camera_at(group.shot).pixel(point)))
         return sensor[name].pose(group.shot).into(point)
 
     def column(direction: Array) -> Vec2:
@@ -78,14 +78,8 @@ def _columns_of_link(problem: Problem, group: Group, u: Array, name: str, point:
     return jax.vmap(column)(jnp.eye(u.shape[0])[np.array(ks)]), ks
 
 
-def _whiten(group: Group, pair: Any) -> Vec2:
-    """The lower triangle of the weights applied to a pair (x, y)."""
-    w00, w10, w11 = group.weight
-    return mul(w00, pair[0]), add(mul(w10, pair[0]), mul(w11, pair[1]))
-
-
 def _whitened_rows(group: Group, derivative: Any) -> Any:
-    """The same of the two rows of a derivative of the pixel; None stays None."""
+    """The two rows of a derivative of the pixel, whitened; None, for the camera, stays None."""
     return (
-        None if derivative is None else tuple(zip(*(_whiten(group, pair) for pair in zip(*derivative, strict=True)), strict=True))
+        None if derivative is None else tuple(zip(*(group.whiten(*pair) for pair in zip(*derivative, strict=True)), strict=True))
     )

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Component, Vec2, Vec3
+from ..algebra.vectors import Component, Vec2, Vec3, add, mul
 from ..chain.address import Address, put
 from ..chain.bake import bake
 from ..chain.by import By
@@ -39,6 +39,11 @@ class Group(eqx.Module):
     pixel: Vec2
     weight: tuple[Component, ...]
     decides: bool = eqx.field(static=True, default=True)
+
+    def whiten(self, x: Component, y: Component) -> Vec2:
+        """The lower triangle of the weights applied to a pair in pixels: a residual, or derivatives of it."""
+        w00, w10, w11 = self.weight
+        return mul(w00, x), add(mul(w10, x), mul(w11, y))
 
 
 class Problem(eqx.Module):
@@ -87,9 +92,7 @@ def _acts(sensor: Sensor, place: Address, shot: Shot) -> bool:
 def residual(group: Group, sensor: Sensor) -> Vec2:
     """Whitened residual measured - projected of a group, as components."""
     x, y = image(sensor, group.shot, group.point)
-    rx, ry = group.pixel[0] - x, group.pixel[1] - y
-    w00, w10, w11 = group.weight
-    return w00 * rx, w10 * rx + w11 * ry
+    return group.whiten(group.pixel[0] - x, group.pixel[1] - y)
 
 
 @eqx.filter_jit  # a solver asks for it in several places: trace it once
