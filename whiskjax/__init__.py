@@ -24,6 +24,7 @@ from .chain.mounts import Mount as Mount
 from .chain.pose import Motion as Motion
 from .chain.pose import Pose as Pose
 from .chain.process import Process as Process
+from .chain.records import Records as Records
 from .chain.search import ground_to_image as ground_to_image
 from .chain.sensor import Sensor as Sensor
 from .chain.shot import Shot as Shot
@@ -31,6 +32,7 @@ from .chain.sweep import sweep as sweep
 from .chain.trajectory import PosePerImage as PosePerImage
 from .chain.trajectory import Trajectory as Trajectory
 from .chain.turn import Encoder as Encoder
+from .chain.turn import Readings as Readings
 from .chain.turn import Turn as Turn
 from .earth.ellipsoid import ecef_to_geodetic as ecef_to_geodetic
 from .earth.ellipsoid import geodetic_to_ecef as geodetic_to_ecef
@@ -38,6 +40,9 @@ from .earth.frames import enu_rotation as enu_rotation
 from .earth.frames import ned_rotation as ned_rotation
 from .earth.surface import HeightSurface as HeightSurface
 from .earth.surface import Plane as Plane
+from .estimate.accuracy import Accuracy as Accuracy
+from .estimate.accuracy import accuracy as accuracy
+from .estimate.accuracy import error_radius as error_radius
 from .estimate.batch import Batch as Batch
 from .estimate.batch import calibrate_batch as calibrate_batch
 from .estimate.batch import calibrate_redrawn as calibrate_redrawn
@@ -59,7 +64,14 @@ from .estimate.variance_components import Reweigh as Reweigh
 from .files.read import read_flight as read_flight
 from .files.write import write_flight as write_flight
 from .flights.flight import Flight as Flight
+from .locate.guess import Guess as Guess
+from .locate.guess import first_guess as first_guess
 from .locate.intersection import intersect as intersect
+from .locate.locate import locate as locate
+from .locate.location import Location as Location
+from .locate.looks import Looks as Looks
+from .locate.motion import ConstantVelocity as ConstantVelocity
+from .locate.noise import FrameNoise as FrameNoise
 from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError

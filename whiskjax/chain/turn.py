@@ -55,6 +55,24 @@ class Encoder(eqx.Module):
         before = take(self.angle_rad, i)
         return before + w * (take(self.angle_rad, i + 1) - before)
 
+    def check(self, t: Float[Array, "..."]) -> RESULTS:
+        """Whether the encoder was recorded at each time."""
+        return self.knots.check(t)
+
+
+class Readings(eqx.Module):
+    """A recorded angle for each shot, in radians, aligned with the shots: nothing to interpolate."""
+
+    angle_rad: Component = eqx.field(converter=as_parameter)
+
+    def at(self, t: Component) -> Component:
+        """The reading of each shot, whatever its time."""
+        return self.angle_rad
+
+    def check(self, t: Component) -> RESULTS:
+        """Always known."""
+        return RESULTS.successful
+
 
 class Turn(AbstractLink):
     """Rotation about x, y or z by sign * (encoder(time + delay_s) + zero_rad).
@@ -64,7 +82,7 @@ class Turn(AbstractLink):
     """
 
     axis: str = eqx.field(static=True)
-    encoder: Encoder
+    encoder: Encoder | Readings
     sign: int = eqx.field(default=1, static=True)
     delay_s: Component = eqx.field(default=0, converter=as_parameter)
     zero_rad: Component = eqx.field(default=0, converter=as_parameter)
@@ -82,4 +100,4 @@ class Turn(AbstractLink):
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the encoder was recorded at the shot's time."""
-        return self.encoder.knots.check(add(shot.need("time_s", "which a turn needs"), self.delay_s))
+        return self.encoder.check(add(shot.need("time_s", "which a turn needs"), self.delay_s))

@@ -11,10 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Vec3, dot, mul, scale, vadd, vsub
+from ..algebra.vectors import Mat3, Vec3, cross, dot, mul, norm, scale, transpose, vadd, vsub
 from ..rules import RESULTS
 from ..rules.results import failure_if
-from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M
+from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, geodetic_from_ecef
+from .frames import ecef_from_enu
 
 
 def _as_float(value: Any) -> Array:
@@ -27,6 +28,10 @@ class AbstractSurface(eqx.Module):
     @abc.abstractmethod
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
         """First point of the surface along the ray, in the frame of the ray."""
+
+    @abc.abstractmethod
+    def level(self, point: Vec3) -> Mat3:
+        """Rotation world_from_enu at a point: its columns are east, north and up there."""
 
 
 class HeightSurface(AbstractSurface):
@@ -77,6 +82,11 @@ class HeightSurface(AbstractSurface):
         s = s + 2 * rise / (climb - jnp.sqrt(jnp.where(misses | (under < 0), climb * climb, under)))
         return vadd(origin, scale(s, direction)), failure_if(misses, RESULTS.ray_misses_ground)
 
+    def level(self, point: Vec3) -> Mat3:
+        """East, north and up of the ellipsoid."""
+        lat, lon, _ = geodetic_from_ecef(*point)
+        return ecef_from_enu(lat, lon)
+
 
 class Plane(AbstractSurface):
     """The plane through `point_m` with the normal `normal` (any length), in the frame of the rays."""
@@ -93,3 +103,14 @@ class Plane(AbstractSurface):
         misses = climb * rise <= 0
         s = rise / jnp.where(misses, 1.0, climb)
         return vadd(origin, scale(s, direction)), failure_if(misses, RESULTS.ray_misses_ground)
+
+    def level(self, point: Vec3) -> Mat3:
+        """Up is the normal, towards positive z; north is the y axis of the frame, laid into the plane.
+
+        A plane across the y axis has no north, and the numbers are not finite.
+        """
+        normal = tuple(self.normal[..., i] for i in range(3))
+        up = scale(jnp.where(normal[2] < 0, -1.0, 1.0) / norm(normal), normal)
+        north = vsub((0, 1, 0), scale(up[1], up))
+        north = scale(1 / norm(north), north)
+        return transpose((cross(north, up), north, up))

@@ -14,7 +14,7 @@ from .unknown import Unknown
 
 _CORRELATED, _INSEPARABLE = 0.9, 0.95
 _PRIOR_ONLY, _MOSTLY_DATA = 0.05, 0.5
-_UNLIKELY = 1e-4
+UNLIKELY = 1e-4
 _LOPSIDED = 0.3
 
 
@@ -34,7 +34,7 @@ def consistency(cost: float, freedom: int) -> tuple[float, float, bool]:
     if freedom <= 0:
         return math.nan, 1.0, True
     tail = chi_square_tail(cost, freedom)
-    return cost / freedom, tail, tail > _UNLIKELY
+    return cost / freedom, tail, tail > UNLIKELY
 
 
 def warnings_of(
@@ -59,12 +59,12 @@ def warnings_of(
         said.append(f"the data alone determine {posterior.rank} of {len(names)} combinations of the unknowns; {which}")
     if math.isnan(factor):
         said.append("there are no more observations and priors than unknowns: nothing checks the fit")
-    elif tail <= _UNLIKELY:
+    elif tail <= UNLIKELY:
         said.append(
             f"the residuals are {math.sqrt(factor):.2f} times as large as their sigmas say (chance: {tail:.0e}): "
             "the model lacks something, or the sigmas are too small, or there are blunders"
         )
-    elif tail >= 1 - _UNLIKELY:
+    elif tail >= 1 - UNLIKELY:
         said.append(f"the residuals are {math.sqrt(factor):.2f} times as large as their sigmas say: the sigmas are too large")
     order = [(i, j) for i in range(len(names)) for j in range(i) if abs(posterior.correlation[i, j]) > _CORRELATED]
     for i, j in sorted(order, key=lambda ij: -abs(posterior.correlation[ij])):

@@ -1,3 +1,4 @@
 """Flights: what a flight is, and the three papers' flights as seeded simulations."""
 
 from . import haian as haian
+from . import tianshan as tianshan

@@ -25,6 +25,14 @@ class RESULTS(eqx.Enumeration):
     outside_swath = "the point is not seen within the given time window or detector"
     distortion_not_invertible = "the pixel lies outside the radius where the lens distortion can be undone"
     not_converged = "the iteration did not converge; look at the start values, the weights and blunders"
+    depth_unobservable = (
+        "the looks do not determine the distance: all come from one point, or nearly so, and the target lies anywhere on a line; "
+        "add looks from elsewhere"
+    )
+    diverged = (
+        "the filter diverged: it does not end where least squares of the same looks does; use the iterated filter or the batch, "
+        "or a better first guess"
+    )
     rank_deficient = "the observations and priors do not determine these unknowns"
     nonfinite = "a value became infinite or not a number"
 

@@ -1,0 +1,39 @@
+"""Navigation aligned with the shots: one record for each, nothing to interpolate.
+
+A camera that stores its own navigation with every exposure, and Monte Carlo runs that draw errors for every exposure.
+"""
+
+import equinox as eqx
+
+from ..algebra.vectors import Component
+from ..rules import RESULTS, require_x64
+from .link import AbstractLink
+from .pose import Pose
+from .shot import Shot
+from .trajectory import ecef_from_body
+from .turn import as_parameter
+
+
+class Records(AbstractLink):
+    """A POS record for each shot: latitude, longitude (WGS-84), roll, pitch, heading in radians, ellipsoidal height in metres.
+
+    ned_from_body = Rz(heading) Ry(pitch) Rx(roll). All of one batch shape, that of the shots; the structural zero costs nothing.
+    """
+
+    lat_rad: Component = eqx.field(converter=as_parameter)
+    lon_rad: Component = eqx.field(converter=as_parameter)
+    height_m: Component = eqx.field(converter=as_parameter)
+    roll_rad: Component = eqx.field(default=0, converter=as_parameter)
+    pitch_rad: Component = eqx.field(default=0, converter=as_parameter)
+    heading_rad: Component = eqx.field(default=0, converter=as_parameter)
+
+    def __check_init__(self):
+        require_x64("Records")
+
+    def pose(self, shot: Shot) -> Pose:
+        """The pose of each record."""
+        return ecef_from_body(self.lat_rad, self.lon_rad, self.height_m, self.roll_rad, self.pitch_rad, self.heading_rad)
+
+    def check(self, shot: Shot) -> RESULTS:
+        """Always known."""
+        return RESULTS.successful

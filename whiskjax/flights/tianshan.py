@@ -1,0 +1,206 @@
+"""Target location over the Tianshan: seeded simulations of paper 003.
+
+Liu et al. (2019), Target location based on stereo imaging of airborne electro-optical camera, Acta Optica Sinica 39(11), 1112003.
+A gimballed camera looks at one target many times; every look has recorded navigation and gimbal angles with errors of their own.
+What the paper leaves out (focal length, path, spacing of looks) is chosen so that what it does print is reproduced.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..chain.camera import FrameCamera
+from ..chain.mounts import Axes
+from ..chain.records import Records
+from ..chain.sensor import Sensor
+from ..chain.turn import Readings, Turn
+from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
+from ..locate.noise import FrameNoise
+
+FOCAL_PX = 1e5  # 10 urad a pixel
+SPACING_M, SPACING_S = 500.0, 3.0
+LEG_M = 20_000.0
+AZIMUTH_RAD = np.radians(-44.0)  # of the first line of sight; on a straight path of that at broadside
+PIXEL_SIGMA_PX = 2.0
+
+
+class Place(NamedTuple):
+    """A geodetic position, WGS-84: degrees and ellipsoidal metres."""
+
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+
+
+TARGET = Place(43.3, 84.2, 1551.0)
+FIRST_GUESS = Place(43.303653, 84.195190, 1000.0)  # printed in section 3.1
+FLIGHT_TARGET = Place(26.217705, 105.889600, 1367.31)  # T1 of Table 2
+GUESS_SIGMA_DEG_DEG_M = (0.015, 0.015, 1500.0)  # equation 19: latitude, longitude, height
+
+
+class Errors(NamedTuple):
+    """1-sigma of what is recorded: metres north, east, down; radians; pixels."""
+
+    position_m: tuple[float, float, float]
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+    gimbal_roll_rad: float
+    gimbal_pitch_rad: float
+    pixel_px: float
+
+    def scaled(self, factor: float) -> "Errors":
+        """All of them, times a factor."""
+        return Errors(tuple(factor * s for s in self.position_m), *(factor * s for s in self[1:]))
+
+
+TABLE_1 = Errors((10.0, 10.0, 20.0), *np.radians([0.08, 0.03, 0.03, 0.01, 0.01]).tolist(), PIXEL_SIGMA_PX)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """Who looks at what, from where.
+
+    **Arguments:**
+
+    - `path`: "orbit" at constant off-nadir angle, "race" along a 20 km leg folded back, "fly" straight and centred on broadside.
+    - `off_nadir_rad`: at the platform; on straight paths at broadside.
+    - `height_m`: of the platform, ellipsoidal.
+    """
+
+    path: str = "orbit"
+    looks: int = 40
+    off_nadir_rad: float = np.radians(45.0)
+    height_m: float = 10_000.0
+    target: Place = TARGET
+    spacing_m: float = SPACING_M
+
+
+class Recorded(eqx.Module):
+    """Navigation and gimbal angles of looks, any batch shape; radians, ellipsoidal metres."""
+
+    lat_rad: Float[Array, "..."]
+    lon_rad: Float[Array, "..."]
+    height_m: Float[Array, "..."]
+    roll_rad: Float[Array, "..."]
+    pitch_rad: Float[Array, "..."]
+    heading_rad: Float[Array, "..."]
+    gimbal_roll_rad: Float[Array, "..."]
+    gimbal_pitch_rad: Float[Array, "..."]
+
+
+def sensor(recorded: Recorded) -> Sensor:
+    """The camera with its two-axis gimbal: u = Ry(alpha) Rx(beta) body_from_ned ned_from_ecef (x - platform), boresight along z."""
+    r = recorded
+    return Sensor(
+        {
+            "body": Records(r.lat_rad, r.lon_rad, r.height_m, r.roll_rad, r.pitch_rad, r.heading_rad),
+            "gimbal_roll": Turn("x", Readings(r.gimbal_roll_rad)),
+            "gimbal_pitch": Turn("y", Readings(r.gimbal_pitch_rad)),
+            "view": Axes("x -y -z"),
+        },
+        FrameCamera(FOCAL_PX, (0.0, 0.0)),
+    )
+
+
+def noise(errors: Errors = TABLE_1) -> tuple[FrameNoise, ...]:
+    """The errors of the records as white noise of frames; the platform is level, so yaw turns about the body's z axis."""
+    return (
+        FrameNoise("body", (errors.roll_rad, errors.pitch_rad, errors.yaw_rad), errors.position_m),
+        FrameNoise("gimbal_roll", (errors.gimbal_roll_rad, 0, 0)),
+        FrameNoise("gimbal_pitch", (0, errors.gimbal_pitch_rad, 0)),
+    )
+
+
+def time_s(scene: Scene) -> Float[np.ndarray, " looks"]:
+    """When the looks were made."""
+    return SPACING_S * np.arange(scene.looks)
+
+
+def _radii(lat_rad: float) -> tuple[float, float]:
+    """Meridian and prime-vertical radius of curvature in metres."""
+    root = np.sqrt(1 - ECCENTRICITY2 * np.sin(lat_rad) ** 2)
+    return SEMI_MAJOR_M * (1 - ECCENTRICITY2) / root**3, SEMI_MAJOR_M / root
+
+
+def _way(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Platform on a sphere around the target: north and east of it along the ground in radians of arc, and heading."""
+    lat = np.radians(scene.target.lat_deg)
+    radius = np.sqrt(np.prod(_radii(lat)))
+    platform, target = radius + scene.height_m, radius + scene.target.height_m
+    away = np.arcsin(platform / target * np.sin(scene.off_nadir_rad)) - scene.off_nadir_rad
+    step = scene.spacing_m / platform
+    k = np.arange(scene.looks)
+    if scene.path == "orbit":
+        sight = AZIMUTH_RAD + k * step / np.sin(away)  # clockwise around the target, which stays on the right
+        return -away * np.cos(sight), -away * np.sin(sight), sight - np.pi / 2
+    leg = round(LEG_M / scene.spacing_m)
+    along = {"race": leg - np.abs(k % (2 * leg) - leg) - leg / 2, "fly": k - (scene.looks - 1) / 2}[scene.path] * step
+    course = AZIMUTH_RAD - np.pi / 2
+    back = (k // leg) % 2 if scene.path == "race" else 0 * k
+    north = -away * np.cos(AZIMUTH_RAD) + along * np.cos(course)
+    east = -away * np.sin(AZIMUTH_RAD) + along * np.sin(course)
+    return north, east, course + np.pi * back
+
+
+def true_records(scene: Scene) -> Recorded:
+    """What error-free instruments would record: level platform, gimbal on the target; each (looks,)."""
+    lat_t, lon_t = np.radians(scene.target.lat_deg), np.radians(scene.target.lon_deg)
+    north, east, heading = _way(scene)
+    arc, bearing = np.hypot(north, east), np.arctan2(east, north)
+    lat = np.arcsin(np.sin(lat_t) * np.cos(arc) + np.cos(lat_t) * np.sin(arc) * np.cos(bearing))
+    lon = lon_t + np.arctan2(np.sin(bearing) * np.sin(arc) * np.cos(lat_t), np.cos(arc) - np.sin(lat_t) * np.sin(lat))
+    sight = _ecef(lat_t, lon_t, scene.target.height_m)[:, None] - _ecef(lat, lon, scene.height_m)
+    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    outward = cl * sight[0] + sl * sight[1]
+    n, e, d = c * sight[2] - s * outward, cl * sight[1] - sl * sight[0], -c * outward - s * sight[2]
+    x, y = np.cos(heading) * n + np.sin(heading) * e, np.cos(heading) * e - np.sin(heading) * n
+    zero, one = np.zeros(scene.looks), np.ones(scene.looks)
+    gimbal = np.arctan2(-y, d), np.arctan2(x, np.hypot(y, d))
+    return Recorded(*map(jnp.asarray, (lat, lon, scene.height_m * one, zero, zero, heading, *gimbal)))
+
+
+def _ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, height_m: float) -> np.ndarray:
+    normal = _radii(lat_rad)[1]
+    r = (normal + height_m) * np.cos(lat_rad)
+    return np.stack([r * np.cos(lon_rad), r * np.sin(lon_rad), (normal * (1 - ECCENTRICITY2) + height_m) * np.sin(lat_rad)])
+
+
+def draw(
+    scene: Scene, runs: int, seed: int, white: Errors = TABLE_1, constant: Errors | None = None
+) -> tuple[Recorded, Float[Array, "runs looks 2"]]:
+    """Records and pixels of many runs: recorded = true + error, measured = imaged by the truth + noise.
+
+    The truth keeps the target in the principal point, so the pixel is its noise alone.
+
+    **Arguments:** `white`: errors that every look draws anew; `constant`: errors that a run draws once and keeps.
+
+    **Returns:** the records, each (runs, looks), and the pixels.
+    """
+    rng = np.random.default_rng(seed)
+    true = true_records(scene)
+    shape = runs, scene.looks
+
+    def errors(sigma: float, kept: float) -> np.ndarray:
+        return rng.normal(0, 1, shape) * sigma + rng.normal(0, 1, (runs, 1)) * kept
+
+    once = constant or TABLE_1.scaled(0.0)
+    north, east, down = (errors(s, k) for s, k in zip(white.position_m, once.position_m, strict=True))
+    yaw, pitch, roll, gimbal_roll, gimbal_pitch = (errors(s, k) for s, k in zip(white[1:6], once[1:6], strict=True))
+    meridian, prime_vertical = _radii(np.asarray(true.lat_rad))
+    lat, lon, height, roll0, pitch0, heading, beta, alpha = (np.broadcast_to(a, shape) for a in dataclasses.astuple(true))
+    recorded = (
+        lat + north / (meridian + height),
+        lon + east / ((prime_vertical + height) * np.cos(lat)),
+        height - down,
+        roll0 + roll,
+        pitch0 + pitch,
+        heading + yaw,
+        beta + gimbal_roll,
+        alpha + gimbal_pitch,
+    )
+    return Recorded(*map(jnp.asarray, recorded)), jnp.asarray(rng.normal(0, white.pixel_px, (*shape, 2)))

@@ -1,0 +1,206 @@
+"""`locate`: one target from many looks, by a filter or by all of them at once."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from ..algebra.vectors import stack, unstack, vadd
+from ..chain.sensor import Sensor
+from ..earth.surface import AbstractSurface, HeightSurface
+from ..estimate.calibrate import Calibration
+from ..estimate.unknown import Unknown
+from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, is_traced
+from ..rules.results import codes_of, failure_if, is_successful, message_of
+from .batch import Solved, at_last, solve
+from .filter import Step, run
+from .guess import Guess, first_guess
+from .location import Location, LookByLook
+from .looks import Looks
+from .model import Model
+from .motion import ConstantVelocity
+from .noise import FrameNoise
+from .nuisance import gather
+from .problem import Problem, as_matrix
+from .verdict import convergence, has_diverged, weakest
+
+_RELINEARISED = {"extended": 0, "iterated": 5}
+_METHODS = (*_RELINEARISED, "batch")
+_BATCH_STEPS, _CHECK_STEPS = 15, 5
+_SETTLED_SIGMAS = 1e-3
+
+
+def locate(
+    sensor: Sensor,
+    looks: Looks,
+    *,
+    guess: Guess | None = None,
+    surface: AbstractSurface | None = None,
+    sigma_enu_m: Float[ArrayLike, "3"] | None = None,
+    noise: Sequence[FrameNoise] = (),
+    method: str = "iterated",
+    estimate: Sequence[Unknown] = (),
+    consider: Sequence[Unknown] | Calibration = (),
+    motion: ConstantVelocity | None = None,
+    gate: float | None = None,
+    throw: bool = True,
+) -> Location:
+    """Locate a target that many looks have seen, without a range finder.
+
+    Traceable: under `jit` and `vmap` nothing is raised; look at `result`.
+
+    **Arguments:**
+
+    - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
+    - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
+    - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
+    - `noise`: errors of recorded poses, new at every look; without them R is that of the pixels alone, as in paper 003.
+    - `method`: "extended" (paper 003, equations 13 to 18), "iterated" (each look linearised again at its own result), or "batch"
+      (Gauss-Newton over all looks).
+    - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
+    - `consider`: numbers that are not estimated but whose uncertainty counts (Schmidt 1966): unknowns with priors, or a
+      calibration, whose posterior is handed on.
+    - `motion`: for a target that moves; the result is its place at the last look.
+    - `gate`: the share of good looks that may be lost, as 1e-3: a look whose NIS is exceeded by chance less often is left out and
+      listed; None takes all.
+    - `throw`: raise where there is no answer; else look at `result`.
+
+    **Returns:** `Location`.
+
+    **Raises:** `WhiskjaxError` for input that makes no sense; `SensorError` where a look cannot be imaged, the distance is not
+    observable (the message gives the line), or the filter diverged.
+
+    **Reference:** Liu et al. (2019), paper 003; Bell and Cathey (1993) for the iterated filter; Schmidt (1966).
+    """
+    surface = HeightSurface(0.0) if surface is None else surface
+    if method not in _METHODS:
+        raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
+    for frame in noise:
+        frame.check(sensor)
+    if gate is not None and not 0 < gate < 1:
+        raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
+    if motion is not None:
+        if method == "batch" and (is_traced(motion.acceleration_enu) or bool((motion.acceleration_enu != 0).any())):
+            raise WhiskjaxError('locate: a batch knows even motion only; set acceleration_enu to zero, or use method="iterated"')
+    if guess is None:
+        if sigma_enu_m is None:
+            raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
+        if not is_traced(looks.pixel_px) and bool(looks.is_missed.all()):
+            raise WhiskjaxError("locate: no look has a measurement")
+        guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
+    sensor, nuisance = gather(sensor, estimate, consider)
+    nis = None if gate is None else -2 * math.log(gate)
+    answer = _solve(Problem(sensor, looks, guess, surface, tuple(noise), nuisance, motion), method, nis)
+    if throw:
+        _raise(answer)
+    return answer
+
+
+@eqx.filter_jit
+def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
+    model, prior = problem.pose()
+    if method == "batch":
+        found = solve(model, prior, at_last(model, prior)[0], _BATCH_STEPS, gate_nis)
+        state, covariance, chi_square = found.state, found.covariance, found.cost
+        looks = _of_batch(model, found)
+        lost = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged)
+    else:
+        belief, steps = run(model, prior, _RELINEARISED[method], gate_nis)
+        state, covariance, looks = jnp.stack(belief.state), _matrix(belief.covariance), _of_filter(model, steps)
+        chi_square = jnp.where(looks.is_used, looks.nis, 0.0).sum()
+        taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
+        found = solve(taken, prior, state, _CHECK_STEPS, None)
+        lost = failure_if(has_diverged(model, state, covariance, looks.nis, looks.is_used, found), RESULTS.diverged)
+    direction, line_sigma = weakest(model, prior, found)
+    ended, kinematic = stack(model.anchor_m) + state[:3], model.kinematic
+    sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
+    away = jnp.stack([jnp.broadcast_to(c, looks.nis.shape) for c in sensor.pose(model.shots).translation], -1) - ended
+    distance = jnp.linalg.norm(away, axis=-1)
+    nearest = jnp.where(looks.is_used, distance, jnp.inf).min()
+    result = first_failure(
+        _worst(problem.sensor.check(problem.looks.shot)),
+        failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
+        lost,
+        failure_if(~(jnp.isfinite(ended).all() & jnp.isfinite(covariance).all()), RESULTS.nonfinite),
+    )
+    answered = is_successful(result)
+    enu = as_matrix(problem.surface.level(unstack(ended)))
+    level = enu.T[None] @ looks.covariance_enu_m2 @ enu[None]
+    scale = model.nuisance.scale
+    return Location(
+        point_m=jnp.where(answered, ended, jnp.nan),
+        covariance_enu_m2=jnp.where(answered, enu.T @ covariance[:3, :3] @ enu, jnp.nan),
+        world_from_enu=enu,
+        velocity_enu_mps=enu.T @ state[3:6] if kinematic == 6 else None,
+        velocity_covariance_enu=enu.T @ covariance[3:6, 3:6] @ enu if kinematic == 6 else None,
+        value=model.nuisance.mean + scale * state[kinematic:],
+        value_covariance=covariance[kinematic:, kinematic:] * jnp.outer(scale, scale),
+        looks=eqx.tree_at(lambda b: b.covariance_enu_m2, looks, level),
+        convergence_rad=convergence(away / distance[:, None], looks.is_used),
+        line_m=ended,
+        line_direction=direction,
+        line_sigma_m=line_sigma,
+        chi_square=chi_square,
+        result=result,
+        names=model.nuisance.names,
+        considers=0 in model.nuisance.share,
+    )
+
+
+def _of_filter(model: Model, steps: Step) -> LookByLook:
+    (state, covariance), innovation = steps.belief, steps.innovation
+    s00, s01, s11 = innovation.covariance_px2
+    return LookByLook(
+        point_m=stack(vadd(model.anchor_m, state[:3])),
+        covariance_enu_m2=_matrix(tuple(row[:3] for row in covariance[:3])),
+        innovation_px=stack(innovation.residual_px),
+        innovation_covariance_px2=_matrix(((s00, s01), (s01, s11))),
+        nis=innovation.nis,
+        is_missed=_is_missed(model),
+        counts=steps.counts,
+        passes=steps.passes,
+    )
+
+
+def _of_batch(model: Model, found: Solved) -> LookByLook:
+    """A batch knows one answer; of a moving target it is where that was at each look."""
+    looks = found.nis.shape[0]
+    moved = 0.0 if model.density is None else model.since_s[:, None] * found.state[None, 3:6]
+    return LookByLook(
+        point_m=jnp.broadcast_to(stack(model.anchor_m) + found.state[:3], (looks, 3)) + moved,
+        covariance_enu_m2=jnp.broadcast_to(found.covariance[:3, :3], (looks, 3, 3)),
+        innovation_px=found.equations.residual_px,
+        innovation_covariance_px2=found.residual_covariance_px2,
+        nis=found.nis,
+        is_missed=_is_missed(model),
+        counts=found.counts,
+        passes=found.passes,
+    )
+
+
+def _is_missed(model: Model) -> Bool[Array, " looks"]:
+    return jnp.isnan(model.pixel_px[0]) | jnp.isnan(model.pixel_px[1])
+
+
+def _matrix(rows: tuple[tuple[Any, ...], ...]) -> Float[Array, "... n n"]:
+    return jnp.stack([stack(row) for row in rows], axis=-2)
+
+
+def _worst(of_looks: RESULTS) -> RESULTS:
+    return jax.tree.map(lambda code: jnp.asarray(code).max(), of_looks)
+
+
+def _raise(answer: Location) -> None:
+    """The failure in words; where the distance is not observable, the line on which the target lies."""
+    if answer.result.is_traced() or (code := int(codes_of(answer.result))) == 0:
+        return
+    line = ""
+    if bool(answer.result == RESULTS.depth_unobservable):
+        point, direction = (np.asarray(v).round(6).tolist() for v in (answer.line_m, answer.line_direction))
+        line = f". The line: through {point} m along {direction} (world frame)"
+    raise SensorError(f"locate: {message_of(code)}{line}")

@@ -1,0 +1,68 @@
+"""Errors of recorded poses that are new at every look: white noise of a frame, carried into the image by the chain."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
+from ..chain.pose import Motion
+from ..chain.sensor import Sensor
+from ..chain.sweep import Sweep
+from ..chain.turn import as_parameter
+from ..rules import WhiskjaxError, is_traced
+
+
+def _sigmas(values: Any) -> Vec3:
+    """Three components; what is exactly zero stays structural and costs nothing."""
+    if len(values) != 3:
+        raise WhiskjaxError(f"a sigma about or along each of three axes is needed, not {values!r}")
+    for value in values:
+        if not is_traced(value) and not bool(np.all(np.isfinite(value) & (np.asarray(value) >= 0))):
+            raise WhiskjaxError(f"sigmas are finite and not negative, not {value!r}")
+    return tuple(0 if not is_traced(v) and np.ndim(v) == 0 and v == 0 else as_parameter(v) for v in values)
+
+
+class FrameNoise(eqx.Module):
+    """How well the recorded pose of a frame is known at each look, independent from look to look and of other frames.
+
+    A gyro's or an encoder's jitter turns the frame, a position error shifts it; both about and along the frame's own axes.
+
+    **Arguments:**
+
+    - `frame`: its name in the sensor.
+    - `turn_sigma_rad`: 1-sigma about the frame's x, y, z; numbers, or arrays (looks,).
+    - `shift_sigma_m`: 1-sigma along them.
+    """
+
+    frame: str = eqx.field(static=True)
+    turn_sigma_rad: Vec3 = eqx.field(default=(0, 0, 0), converter=_sigmas)
+    shift_sigma_m: Vec3 = eqx.field(default=(0, 0, 0), converter=_sigmas)
+
+    def check(self, sensor: Sensor) -> None:
+        """**Raises:** `WhiskjaxError` where the sensor has no such frame."""
+        if self.frame not in sensor.names:
+            raise WhiskjaxError(f"no frame named {self.frame!r}; there are {', '.join(sensor.names)}")
+
+
+_AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def variance_px2(noise: tuple[FrameNoise, ...], swept: Sweep) -> Vec3:
+    """What all frames' noise adds to the covariance (r00, r01, r11) of a pixel: the sum of sigma^2 g g^T over the small motions.
+
+    One variance for each recorded quantity at its own joint; gathering them into one 6x6 would cost twice as much.
+    """
+    total: Vec3 = (0, 0, 0)
+    for frame in noise:
+        for kind, sigmas in (("turn", frame.turn_sigma_rad), ("shift", frame.shift_sigma_m)):
+            for sigma, axis in zip(sigmas, _AXES, strict=True):
+                if not is_structural(sigma, 0):
+                    moved = swept.follows(frame.frame, Motion(**{kind: axis}))
+                    total = tuple(add(t, o) for t, o in zip(total, _outer(sigma, moved), strict=True))
+    return total
+
+
+def _outer(sigma: Component, moved: Vec2) -> Vec3:
+    x, y = (mul(sigma, c) for c in moved)
+    return mul(x, x), mul(x, y), mul(y, y)

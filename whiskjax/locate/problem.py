@@ -1,0 +1,55 @@
+"""From looks and a guess to a model and a prior belief."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Mat3, stack, unstack
+from ..chain.bake import bake
+from ..chain.sensor import Sensor
+from ..earth.surface import AbstractSurface
+from .filter import Belief
+from .guess import Guess
+from .looks import Looks
+from .model import Model
+from .motion import ConstantVelocity, in_world
+from .noise import FrameNoise
+from .nuisance import Nuisance
+
+
+class Problem(eqx.Module):
+    """All that is given: an instrument, what it saw, and what is known beforehand."""
+
+    sensor: Sensor
+    looks: Looks
+    guess: Guess
+    surface: AbstractSurface
+    noise: tuple[FrameNoise, ...]
+    nuisance: Nuisance
+    motion: ConstantVelocity | None
+
+    def pose(self) -> tuple[Model, Belief]:
+        """The looks, baked, and the belief before the first of them; both in the axes of the world, from the guess."""
+        anchor = unstack(self.guess.point_m)
+        level = self.surface.level(anchor)
+        joints = tuple(dict.fromkeys(frame.frame for frame in self.noise))
+        sensor, shots = bake(self.sensor, self.looks.shot, self.nuisance.links, joints)
+        to_world = as_matrix(level)
+        blocks = [to_world @ self.guess.covariance_enu_m2 @ to_world.T]
+        step = since = density = None
+        if self.motion is not None:
+            time = self.looks.shot.need("time_s", "and a target moves with the time")
+            step, since = jnp.diff(time, prepend=time[:1]), time - time[-1]
+            density = in_world(self.motion.acceleration_enu, level)
+            blocks.append(to_world @ jnp.diag(self.motion.sigma_enu_mps**2) @ to_world.T)
+        covariance = jax.scipy.linalg.block_diag(*blocks, self.nuisance.correlation)
+        n = covariance.shape[0]
+        prior = Belief((jnp.zeros(()),) * n, tuple(tuple(covariance[i, j] for j in range(n)) for i in range(n)))
+        pixel, sigma = unstack(self.looks.pixel_px), unstack(self.looks.sigma_px)
+        return Model(sensor, shots, pixel, sigma, self.noise, self.nuisance, anchor, step, since, density), prior
+
+
+def as_matrix(rows: Mat3) -> Float[Array, "3 3"]:
+    """A matrix of components as an array."""
+    return jnp.stack([stack(row) for row in rows], axis=-2)

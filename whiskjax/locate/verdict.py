@@ -1,0 +1,59 @@
+"""Whether looks determine a target, and whether a filter ended where they say it is."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .batch import Solved
+from .filter import Belief
+from .model import Model
+
+# A filter that ends so many sigmas from least squares of its own looks has diverged.
+_DIVERGED_SIGMAS = 5.0
+_WILD_NIS = 2 * _DIVERGED_SIGMAS**2
+
+
+def weakest(model: Model, prior: Belief, solved: Solved) -> tuple[Float[Array, "3"], Float[Array, ""]]:
+    """The direction (unit vector, axes of the world) in which the looks know the position least, and its 1-sigma in metres.
+
+    The prior of the position takes no part; velocity and nuisances have theirs.
+    """
+    share = jnp.asarray(model.share, dtype=float)
+    information = solved.equations.data * jnp.outer(share, share)
+    own, rest = information[:3, :3], information[3:, 3:]
+    if len(share) > 3:
+        known = jnp.stack([jnp.stack([jnp.asarray(c, dtype=float) for c in row[3:]]) for row in prior.covariance[3:]])
+        own = own - information[:3, 3:] @ jnp.linalg.solve(rest + jnp.linalg.inv(known), information[3:, :3])
+    # An eigenvalue below rounding is none: the sigma then is beyond any distance.
+    values, vectors = jnp.linalg.eigh(own)
+    least = jnp.maximum(values[0], 1e-14 * values[2])
+    return vectors[:, 0], 1 / jnp.sqrt(least)
+
+
+def has_diverged(
+    model: Model,
+    state: Float[Array, " n"],
+    covariance: Float[Array, "n n"],
+    nis: Float[Array, " looks"],
+    used: Bool[Array, " looks"],
+    solved: Solved,
+) -> Bool[Array, ""]:
+    """Whether a filter's end differs from least squares of the looks that it used by more than both can be wrong.
+
+    Where residuals are larger than their sigmas say, both are believed that much less: a filter that ignores an error source is
+    inconsistent, but has not diverged. A target with accelerations, of which a batch knows nothing, is judged by its innovations.
+    """
+    if model.density is not None:
+        late = used & (jnp.arange(used.shape[0]) >= used.shape[0] // 2)
+        return ~(jnp.where(late, nis, 0.0).sum() <= _WILD_NIS * late.sum())
+    share = jnp.asarray(model.share, dtype=float)
+    factor = jnp.maximum(1.0, solved.cost / jnp.maximum(2.0 * used.sum(), 1.0))
+    spread = factor * (covariance + solved.covariance) * jnp.outer(share, share) + jnp.diag(1 - share)
+    away = (state - solved.state) * share
+    return ~(away @ jnp.linalg.solve(spread, away) <= _DIVERGED_SIGMAS**2)
+
+
+def convergence(sight: Float[Array, "looks 3"], used: Bool[Array, " looks"]) -> Float[Array, ""]:
+    """The largest angle between two of the used lines of sight (unit vectors), in radians; zero for fewer than two."""
+    both = used[:, None] & used[None, :]
+    difference = jnp.linalg.norm(jnp.where(both[:, :, None], sight[:, None, :] - sight[None, :, :], 0.0), axis=-1)
+    return 2 * jnp.arcsin(jnp.minimum(1.0, difference.max() / 2))
