@@ -58,8 +58,8 @@ def _check_covariance(covariance: Float[np.ndarray, "3 3"]) -> None:
     east, north, up = np.sqrt(np.diag(covariance))
     if max(east, north) < _LIKE_DEGREES * up:
         raise WhiskjaxError(
-            f"guess: 1-sigma of {east:g} m east and {north:g} m north beside {up:g} m in height look like degrees; all are metres "
-            "(0.015 deg of latitude are 1670 m)"
+            f"guess: 1-sigma of {east:g} m east and {north:g} m north beside {up:g} m in height look like degrees; all are "
+            "metres (0.015 deg of latitude are 1670 m)"
         )
 
 

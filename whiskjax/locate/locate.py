@@ -16,7 +16,7 @@ from ..earth.surface import AbstractSurface, HeightSurface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, is_traced
-from ..rules.results import codes_of, failure_if, is_successful, message_of
+from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
 from .filter import Step, run
 from .guess import Guess, first_guess
@@ -104,14 +104,16 @@ def locate(
 @eqx.filter_jit
 def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     model, prior = problem.pose()
+    is_missed = problem.looks.is_missed
+    poses = jax.tree.map(lambda code: code + jnp.zeros(is_missed.shape, jnp.int32), problem.sensor.check(problem.looks.shot))
     if method == "batch":
         found = solve(model, prior, at_last(model, prior)[0], _BATCH_STEPS, gate_nis)
         state, covariance, chi_square = found.state, found.covariance, found.cost
-        looks = _of_batch(model, found)
+        looks = _of_batch(model, found, is_missed, poses)
         lost = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged)
     else:
         belief, steps = run(model, prior, _RELINEARISED[method], gate_nis)
-        state, covariance, looks = jnp.stack(belief.state), _matrix(belief.covariance), _of_filter(model, steps)
+        state, covariance, looks = jnp.stack(belief.state), _matrix(belief.covariance), _of_filter(model, steps, is_missed, poses)
         chi_square = jnp.where(looks.is_used, looks.nis, 0.0).sum()
         taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
         found = solve(taken, prior, state, _CHECK_STEPS, None)
@@ -123,7 +125,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     distance = jnp.linalg.norm(away, axis=-1)
     nearest = jnp.where(looks.is_used, distance, jnp.inf).min()
     result = first_failure(
-        _worst(problem.sensor.check(problem.looks.shot)),
+        choose(looks.is_used.any(), RESULTS.successful, _first_code(looks.result)),
         failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
         lost,
         failure_if(~(jnp.isfinite(ended).all() & jnp.isfinite(covariance).all()), RESULTS.nonfinite),
@@ -152,7 +154,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     )
 
 
-def _of_filter(model: Model, steps: Step) -> LookByLook:
+def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
     (state, covariance), innovation = steps.belief, steps.innovation
     s00, s01, s11 = innovation.covariance_px2
     return LookByLook(
@@ -161,13 +163,14 @@ def _of_filter(model: Model, steps: Step) -> LookByLook:
         innovation_px=stack(innovation.residual_px),
         innovation_covariance_px2=_matrix(((s00, s01), (s01, s11))),
         nis=innovation.nis,
-        is_missed=_is_missed(model),
+        is_missed=is_missed,
+        result=result,
         counts=steps.counts,
         passes=steps.passes,
     )
 
 
-def _of_batch(model: Model, found: Solved) -> LookByLook:
+def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
     """A batch knows one answer; of a moving target it is where that was at each look."""
     looks = found.nis.shape[0]
     moved = 0.0 if model.density is None else model.since_s[:, None] * found.state[None, 3:6]
@@ -177,22 +180,20 @@ def _of_batch(model: Model, found: Solved) -> LookByLook:
         innovation_px=found.equations.residual_px,
         innovation_covariance_px2=found.residual_covariance_px2,
         nis=found.nis,
-        is_missed=_is_missed(model),
+        is_missed=is_missed,
+        result=result,
         counts=found.counts,
         passes=found.passes,
     )
-
-
-def _is_missed(model: Model) -> Bool[Array, " looks"]:
-    return jnp.isnan(model.pixel_px[0]) | jnp.isnan(model.pixel_px[1])
 
 
 def _matrix(rows: tuple[tuple[Any, ...], ...]) -> Float[Array, "... n n"]:
     return jnp.stack([stack(row) for row in rows], axis=-2)
 
 
-def _worst(of_looks: RESULTS) -> RESULTS:
-    return jax.tree.map(lambda code: jnp.asarray(code).max(), of_looks)
+def _first_code(of_looks: RESULTS) -> RESULTS:
+    """The code of the first look that failed; success where none did."""
+    return jax.tree.map(lambda code: code[jnp.argmax(code != 0)], of_looks)
 
 
 def _raise(answer: Location) -> None:

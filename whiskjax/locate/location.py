@@ -21,7 +21,8 @@ class LookByLook(eqx.Module):
 
     `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
     before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the residual
-    at the solution. A look is used where it was measured and seen (`counts`) and passed the gate.
+    at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each whether
+    its pose is known.
     """
 
     point_m: Float[Array, "looks 3"]
@@ -30,6 +31,7 @@ class LookByLook(eqx.Module):
     innovation_covariance_px2: Float[Array, "looks 2 2"]
     nis: Float[Array, " looks"]
     is_missed: Bool[Array, " looks"]
+    result: RESULTS
     counts: Bool[Array, " looks"]
     passes: Bool[Array, " looks"]
 
@@ -132,7 +134,10 @@ class Location(eqx.Module):
         if self.gated:
             named = ", ".join(map(str, self.gated[:_SHOWN])) + (", ..." if len(self.gated) > _SHOWN else "")
             said.append(f"{len(self.gated)} of {n} looks did not pass the gate: {named}")
-        unseen = int((~self.looks.counts & ~self.looks.is_missed).sum())
+        codes = codes_of(self.looks.result)
+        for code in np.unique(codes[codes != 0]).tolist():
+            said.append(f"{int((codes == code).sum())} of {n} looks were left out: {message_of(code)}")
+        unseen = int((~self.looks.counts & ~self.looks.is_missed & (codes == 0)).sum())
         if unseen:
             said.append(f"in {unseen} of {n} looks the target is behind the camera; they were left out")
         if self.missed:

@@ -9,6 +9,7 @@ from ..algebra.vectors import Mat3, stack, unstack
 from ..chain.bake import bake
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
+from ..rules.results import is_successful
 from .filter import Belief
 from .guess import Guess
 from .looks import Looks
@@ -30,7 +31,10 @@ class Problem(eqx.Module):
     motion: ConstantVelocity | None
 
     def pose(self) -> tuple[Model, Belief]:
-        """The looks, baked, and the belief before the first of them; both in the axes of the world, from the guess."""
+        """The looks, baked, and the belief before the first of them; both in the axes of the world, from the guess.
+
+        A look whose pose was not recorded is as good as missed.
+        """
         anchor = unstack(self.guess.point_m)
         level = self.surface.level(anchor)
         joints = tuple(dict.fromkeys(frame.frame for frame in self.noise))
@@ -46,7 +50,9 @@ class Problem(eqx.Module):
         covariance = jax.scipy.linalg.block_diag(*blocks, self.nuisance.correlation)
         n = covariance.shape[0]
         prior = Belief((jnp.zeros(()),) * n, tuple(tuple(covariance[i, j] for j in range(n)) for i in range(n)))
-        pixel, sigma = unstack(self.looks.pixel_px), unstack(self.looks.sigma_px)
+        known = is_successful(self.sensor.check(self.looks.shot))
+        pixel = tuple(jnp.where(known, z, jnp.nan) for z in unstack(self.looks.pixel_px))
+        sigma = unstack(self.looks.sigma_px)
         return Model(sensor, shots, pixel, sigma, self.noise, self.nuisance, anchor, step, since, density), prior
 
 
