@@ -120,6 +120,14 @@ TOML = {
     ),
     "place twice": (("gps_arm.lever_arm_m[0]", "gps_arm.lever_arm_m[1]"), ("unknown", "already estimated")),
     "no prior, no scale": (("prior_sigma = 0.2\n", ""), ("unknown[0]", "prior_mean and prior_sigma, or scale")),
+    "wavelength": (
+        ("[pos]", "[refraction]\nwavelength_um = 10.0\n\n[pos]"),
+        ("flight.toml: refraction", "known from 0.23 to 1.69 um, not at 10.0 um"),
+    ),
+    "key of [refraction]": (
+        ("[pos]", "[refraction]\npressure = 1.0\n\n[pos]"),
+        ("flight.toml: refraction.pressure", "expected here: scale, wavelength_um"),
+    ),
     "upside down": (("x -y -z", "x y z"), ("observations.csv, line 2 (image L1, point L1-01)", "behind the camera", "signs")),
 }
 

@@ -2,12 +2,14 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 import whiskjax as wj
 from tests.files import made_up
+from whiskjax.earth.refraction import Refraction
 
 # ECEF coordinates and degrees both round to 1e-9 m: a few of those, seen from 3000 m with 10,000 px focal length, are 2e-8 px.
 # What is local is written exactly, but for angles in flight.toml, one rounding of float64.
@@ -64,3 +66,28 @@ def test_the_rest_is_equal(pair):
         if a.lines is not None:
             np.testing.assert_array_equal(a.lines.line, b.lines.line)
             np.testing.assert_array_equal(a.lines.time_s, b.lines.time_s)
+
+
+def test_refraction_is_written_and_read_back(haian, tmp_path):
+    bent = eqx.tree_at(lambda s: s.refraction, haian.sensor, Refraction(1.02, 0.65), is_leaf=lambda x: x is None)
+    flight = dataclasses.replace(haian, sensor=bent)
+    back = wj.read_flight(wj.write_flight(flight, tmp_path / "bent"))
+    assert float(back.sensor["refraction"].scale) == 1.02 and back.sensor["refraction"].wavelength_um == 0.65
+    assert np.abs(images_of(back) - images_of(flight)).max() < TOLERANCE_PX["haian"]
+    # 2200 m up and 50 deg off nadir the ray is bent by a sixth of a pixel of 93 urad.
+    assert 0.1 < np.abs(images_of(flight) - images_of(haian)).max() < 0.5
+
+
+def test_an_empty_table_is_the_standard_and_none_is_straight(copy_of):
+    folder = copy_of("haian")
+    assert wj.read_flight(folder.path).sensor.refraction is None
+    refraction = wj.read_flight(folder.toml("[pos]", "[refraction]\n\n[pos]").path).sensor["refraction"]
+    assert float(refraction.scale) == 1.0 and refraction.wavelength_um == 0.55
+
+
+def test_a_local_world_has_no_refraction(copy_of, tmp_path):
+    copy_of("frames").toml("[pos]", "[refraction]\n\n[pos]").refused("flight.toml: refraction", "a local world does not have")
+    frames = made_up.frames()
+    bent = eqx.tree_at(lambda s: s.refraction, frames.sensor, Refraction(), is_leaf=lambda x: x is None)
+    with pytest.raises(wj.FlightError, match="a local world does not have"):
+        wj.write_flight(dataclasses.replace(frames, sensor=bent), tmp_path / "bent")

@@ -13,7 +13,7 @@ from .shot import Shot
 
 
 def bake(sensor: Sensor, shots: Shot, free: Collection[str], joints: Collection[str] = ()) -> tuple[Sensor, Shot]:
-    """A sensor and shots that image alike, with all links but `free` already evaluated.
+    """A sensor and shots that image alike, with all links but `free` already evaluated; refraction stays what it is.
 
     **Arguments:**
 
@@ -42,4 +42,4 @@ def bake(sensor: Sensor, shots: Shot, free: Collection[str], joints: Collection[
             del links[merging]
         links[name] = Given(len(poses) - 1)
         merging = None if name in joints else name
-    return Sensor(links, sensor.camera), dataclasses.replace(shots, poses=tuple(poses))
+    return Sensor(links, sensor.camera, sensor.refraction), dataclasses.replace(shots, poses=tuple(poses))

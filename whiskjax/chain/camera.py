@@ -165,8 +165,8 @@ class FrameCamera(AbstractCamera):
 
     def pixel(self, q: Vec3) -> Vec2:
         """(column, row) of a direction."""
-        w = -1 / q[2]
-        u, v = self._distort(q[0] * w, -q[1] * w)
+        # Quotients, not products with a reciprocal: XLA on the CPU keeps a quotient, but computes what is cheap at every use.
+        u, v = self._distort(-q[0] / q[2], q[1] / q[2])
         cx, cy = self._principal()
         return cx + self.focal_px * u, cy + self.focal_px * v
 

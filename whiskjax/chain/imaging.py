@@ -2,6 +2,9 @@
 
 `sight` and `image` are the chain itself, on components. `ray`, `project` and `image_to_ground` are the doors: arrays in, arrays
 and a result code out. `ground_to_image` stands in search.py, because a line camera has to look for the time.
+
+The chain is straight. A sensor with refraction images, in place of a ground point, the `apparent` one, which lies on the ray as
+it leaves the camera.
 """
 
 from typing import Any, NamedTuple
@@ -11,11 +14,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, total, unstack
+from ..earth.ellipsoid import height_and_up
 from ..earth.surface import AbstractSurface
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
 from .sensor import Sensor
 from .shot import Shot
+
+# From the apparent ray to the ground: the height of the ground decides how the ray is bent, and the bent ray what the height is.
+# Each pass leaves a hundredth of the error at 78 deg off nadir, for the steepest ground that is seen there.
+_PASSES = 4
 
 
 class Ray(NamedTuple):
@@ -49,11 +57,38 @@ def sight(sensor: Sensor, shot: Shot, pixel: Vec2) -> tuple[Vec3, Vec3]:
     return origin, direction
 
 
+def centre(sensor: Sensor, shot: Shot) -> Vec3:
+    """The projection centre in the world frame, as components."""
+    point = ZERO
+    for link in reversed(sensor.links):
+        point = link.pose(shot).point(point)
+    return point
+
+
+def apparent(sensor: Sensor, shot: Shot, point: Vec3) -> Vec3:
+    """Where a ground point seems to lie, as components: where it is, for a sensor without refraction."""
+    return point if sensor.refraction is None else sensor.refraction.apparent_point(centre(sensor, shot), point)
+
+
 def into_camera(sensor: Sensor, shot: Shot, point: Vec3) -> Vec3:
-    """A ground point in the camera frame, as components: one pass inwards."""
+    """A ground point in the camera frame, as components: one pass inwards, of the apparent point where light is refracted."""
+    point = apparent(sensor, shot, point)
     for link in sensor.links:
         point = link.pose(shot).into(point)
     return point
+
+
+def ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractSurface) -> tuple[Vec3, RESULTS]:
+    """Where a pixel's line of sight meets a surface, as components."""
+    origin, direction = sight(sensor, shot, pixel)
+    point, result = surface.intersect(origin, direction)
+    if sensor.refraction is not None:
+        for _ in range(_PASSES):
+            height, *_ = height_and_up(*point)
+            chord, bent = sensor.refraction.true_direction(origin, direction, height)
+            point, met = surface.intersect(origin, chord)
+            result = first_failure(result, bent, met)
+    return point, result
 
 
 def image(sensor: Sensor, shot: Shot, point: Vec3) -> Vec2:
@@ -92,7 +127,7 @@ def _ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]) -> Ray:
 
 
 def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, throw: bool = True) -> Ray:
-    """Line of sight of a pixel.
+    """Line of sight of a pixel as it leaves the camera: refraction bends it only on its way, see `image_to_ground`.
 
     **Arguments:**
 
@@ -144,8 +179,7 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, t
 @eqx.filter_jit
 def _image_to_ground(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"], surface: AbstractSurface) -> GroundPoint:
     pixel = unstack(pixel_px)
-    origin, direction = sight(sensor, shot, pixel)
-    point, hit = surface.intersect(origin, direction)
+    point, hit = ground(sensor, shot, pixel, surface)
     result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(pixel), hit, finite(*point))
     return GroundPoint(finish(point, result), result)
 
@@ -153,7 +187,7 @@ def _image_to_ground(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]
 def image_to_ground(
     sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], surface: AbstractSurface, *, throw: bool = True
 ) -> GroundPoint:
-    """Where on a surface a pixel looks.
+    """Where on a surface a pixel looks, along the bent ray where the sensor has a refraction.
 
     **Arguments:**
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 
+from ..earth.refraction import Refraction
 from ..rules import RESULTS, WhiskjaxError, first_failure
 from .by import By
 from .camera import AbstractCamera
@@ -12,34 +13,42 @@ from .link import AbstractLink
 from .pose import Pose
 from .shot import Shot
 
+_TAKEN = ("camera", "earth", "refraction")
+
 
 class Sensor(eqx.Module):
     """The imaging chain: `Sensor({"body": Trajectory(...), "platform": Mount(...), ...}, camera)`.
 
     Links go from the Earth inwards; each is named after the frame it leads to. Names are held in a tuple, because a pytree of
-    dicts comes back sorted.
+    dicts comes back sorted. With a `refraction` (ECEF world only) lines of sight are bent; it is no link, since it
+    depends on where the ray goes.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     links: tuple[AbstractLink, ...]
     camera: AbstractCamera | By
+    refraction: Refraction | None
 
-    def __init__(self, links: Mapping[str, AbstractLink], camera: AbstractCamera | By):
+    def __init__(self, links: Mapping[str, AbstractLink], camera: AbstractCamera | By, refraction: Refraction | None = None):
         """**Raises:** `WhiskjaxError` where there is no link, a name is not a word, or a key has two lists of options."""
         if not links:
             raise WhiskjaxError("a sensor needs at least one link from the Earth, as Sensor({'body': Trajectory(...)}, camera)")
         for name, link in links.items():
-            if not name.isidentifier() or name in ("camera", "earth"):
-                raise WhiskjaxError(f"{name!r} cannot name a frame: a word is needed, and not 'camera' or 'earth'")
+            if not name.isidentifier() or name in _TAKEN:
+                raise WhiskjaxError(f"{name!r} cannot name a frame: a word is needed, and not {' or '.join(map(repr, _TAKEN))}")
             if not isinstance(link, AbstractLink):
                 raise WhiskjaxError(f"{name}: a link is needed here, not {type(link).__name__}")
-        self.names, self.links, self.camera = tuple(links), tuple(links.values()), camera
+        self.names, self.links, self.camera, self.refraction = tuple(links), tuple(links.values()), camera, refraction
         self.key_names()
 
     def __getitem__(self, name: str) -> Any:
-        """The link of this name, or the camera."""
+        """The link of this name, or the camera, or the refraction."""
         if name == "camera":
             return self.camera
+        if name == "refraction":
+            if self.refraction is None:
+                raise WhiskjaxError("the sensor has no refraction: Sensor(links, camera, refraction=Refraction())")
+            return self.refraction
         if name not in self.names:
             raise WhiskjaxError(f"no link named {name!r}; there are {', '.join(self.names)} and camera")
         return self.links[self.names.index(name)]
@@ -58,7 +67,7 @@ class Sensor(eqx.Module):
             links[known] = existing
             if known == frame:
                 links[name] = link
-        return Sensor(links, self.camera)
+        return Sensor(links, self.camera, self.refraction)
 
     def key_names(self) -> dict[str, tuple[str, ...]]:
         """The names of the options behind each key that some link or the camera asks for; the shot holds their index.

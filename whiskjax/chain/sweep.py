@@ -3,19 +3,30 @@
 At each joint j the pass inwards gives the point p_j in that frame and the pass outwards the 2x3 derivative H_j of the pixel. A
 small motion (turn, shift) of frame j changes the pixel by -H_j (turn x p_j + shift); a displacement of the ground point by
 H_earth. Bias, drift, encoder and POS errors, orientation images and consider states are all such motions.
+
+With refraction the pass starts from the apparent ground point. The derivative by the ground point is exact; a motion takes the
+displacement to the apparent point as constant: exact for a turn about the camera, and off by 0.02 % of a shift's effect at 45 deg
+off nadir, by 0.3 % at 78 deg (platform at 10 km).
 """
+
+from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, matmul, neg, transpose, vadd
+from .imaging import centre
 from .pose import Motion, Pose
 from .sensor import Sensor
 from .shot import Shot
 
 
 class Sweep(eqx.Module):
-    """What `sweep` found; joints are named after frames, and "earth" is the ground point itself."""
+    """What `sweep` found; joints are named after frames, and "earth" is the ground point itself.
+
+    With refraction the point at "earth" is the apparent one; the derivative there is by the true ground point, and the one named
+    "refraction" by the apparent point.
+    """
 
     pixel: Vec2
     points: dict[str, Vec3]
@@ -32,6 +43,11 @@ class Sweep(eqx.Module):
 def sweep(sensor: Sensor, shot: Shot, point: Vec3) -> Sweep:
     """Project a ground point (components, world frame, metres) and differentiate at every joint."""
     poses = {name: link.pose(shot) for name, link in zip(sensor.names, sensor.links, strict=True)}
+    refract = None
+    if sensor.refraction is not None:
+        refract = partial(sensor.refraction.apparent_point, centre(sensor, shot))
+        moved = columns(lambda *p: refract(p), point)
+        point = refract(point)
     points = {"earth": point}
     for name in sensor.names:
         points[name] = point = poses[name].into(point)
@@ -43,4 +59,6 @@ def sweep(sensor: Sensor, shot: Shot, point: Vec3) -> Sweep:
         derivatives[name] = derivative
         derivative = matmul(derivative, transpose(poses[name].rotation))
         derivatives[outer] = derivative
+    if refract is not None:
+        derivatives |= {"refraction": derivative, "earth": matmul(derivative, transpose(moved))}
     return Sweep(camera.pixel(point), points, derivatives, poses)

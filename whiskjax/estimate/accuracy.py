@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax.scipy.special import ndtri
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.vectors import Component, dot, unstack
+from ..algebra.vectors import Component, dot, total, unstack
 from ..rules import WhiskjaxError, is_traced, require_x64
 
 # The contour s0 + w (i sinh u + slope (1 - cosh u)), 0 <= u <= reach. A slope below 1 leaves a Gaussian integrand (a bias of many
@@ -116,12 +116,12 @@ def _radius(covariance: Float[Array, "... d d"], bias: Float[Array, "... d"], pr
     b = unstack(bias)
     half = [unstack(column) for column in unstack(covariance / 2)]
     c = tuple(tuple(half[i][j] + half[j][i] for j in range(len(b))) for i in range(len(b)))
-    trace = sum(c[i][i] for i in range(len(b)))
-    skew = sum(jnp.abs(half[i][j] - half[j][i]) for i in range(len(b)) for j in range(i))
+    trace = total(c[i][i] for i in range(len(b)))
+    skew = total(jnp.abs(half[i][j] - half[j][i]) for i in range(len(b)) for j in range(i))
     # The pivots of rounding * trace * I + C are positive, or the root of one is not a number.
     certain = trace <= 1e-24 * dot(b, b)
     s = 1 / (2 * _ROUNDING * jnp.where(certain, 1.0, trace))
-    sound = jnp.isfinite(_transform(s, c, b)[0]) & (skew <= _ROUNDING * trace) & (trace >= 0)
+    sound = jnp.isfinite(_transform(s, c, b)[0] + dot(b, b)) & (skew <= _ROUNDING * trace) & (trace >= 0)
     usual = ~certain & sound
     c = tuple(tuple(jnp.where(usual, c[i][j], float(i == j)) for j in range(len(b))) for i in range(len(b)))
     squared, _, _ = _quantile(c, tuple(jnp.where(usual, a, 0.0) for a in b), jnp.broadcast_to(probability, trace.shape))

@@ -15,6 +15,7 @@ from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
+from ..earth.refraction import Refraction
 from ..rules import FlightError, WhiskjaxError
 from .flight_toml import NAME
 from .names import listed, meant
@@ -25,7 +26,7 @@ from .tables import Column, Table, check_increasing
 from .units import radian_array
 
 if TYPE_CHECKING:
-    from .schema import AnyCamera, AnyLink, TrajectoryLink, TurnLink
+    from .schema import AnyCamera, AnyLink, RefractionTable, TrajectoryLink, TurnLink
 
 
 def sensor_from_toml(source: Source) -> Sensor:
@@ -42,7 +43,10 @@ def sensor_from_toml(source: Source) -> Sensor:
             raise FlightError(f"{place}: the frame {entry.frame!r} is there twice")
         links[entry.frame] = _made(f"{place} (frame {entry.frame!r})", _link, entry, source)
     camera = _made(f"{NAME}: camera", _camera, source.toml.camera, source)
-    return _made(NAME, lambda place: Sensor(links, camera))
+    refraction = None
+    if source.toml.refraction is not None:
+        refraction = _made(f"{NAME}: refraction", _refraction, source.toml.refraction, source)
+    return _made(NAME, lambda place: Sensor(links, camera, refraction))
 
 
 def _made(place: str, make: Any, *arguments: Any) -> Any:
@@ -228,6 +232,12 @@ def _camera(entry: "AnyCamera", source: Source, place: str) -> Any:
             return LookTable(table["sample"] - c, np.stack([table[axis] for axis in "xyz"], axis=-1))
         case "by":
             return _by(entry, _camera, source, place)
+
+
+def _refraction(entry: "RefractionTable", source: Source, place: str) -> Refraction:
+    if source.toml.world.kind == "local":
+        raise FlightError(f"{place}: light is bent by air at heights above sea level, which a local world does not have")
+    return Refraction(entry.scale, entry.wavelength_um)
 
 
 def _focal(focal_px: float | None, source: Source, place: str) -> tuple[Any, bool]:

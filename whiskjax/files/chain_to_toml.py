@@ -212,6 +212,19 @@ def camera_to_toml(camera: Any, tables: Tables, label: str = "camera") -> dict[s
     raise FlightError(f"{label} is a {type(camera).__name__}, which has no form in a flight folder")
 
 
+def refraction_to_toml(flight: Flight) -> dict[str, Any] | None:
+    """The table [refraction], if light is bent.
+
+    **Raises:** `FlightError` in a local world.
+    """
+    refraction = flight.sensor.refraction
+    if refraction is None:
+        return None
+    if flight.world.kind == "local":
+        raise FlightError("refraction: light is bent by air at heights above sea level, which a local world does not have")
+    return {"scale": _single(refraction.scale, "refraction", 0), "wavelength_um": refraction.wavelength_um}
+
+
 def focal_per_image(flight: Flight) -> list[str]:
     """The column focal_px of images.csv: empty texts where no camera has a focal length for each image."""
     out = []

@@ -231,6 +231,13 @@ AnyCamera = Annotated[
 ]
 
 
+class RefractionTable(Model):
+    """[refraction]: light is bent on its way to the ground."""
+
+    scale: Annotated[float, Field(ge=0)] = 1.0
+    wavelength_um: Positive = 0.55
+
+
 class UnknownTable(Model):
     """[[unknown]]: one number to be estimated, in the units of the file."""
 
@@ -259,6 +266,7 @@ class FlightTable(Model):
     pos: PosTable = PosTable()
     chain: Annotated[list[AnyLink], Field(min_length=1)]
     camera: AnyCamera
+    refraction: RefractionTable | None = None
     unknown: list[UnknownTable] = Field(default_factory=list)
 
 
@@ -281,6 +289,7 @@ TABLES = {
     "world": WorldTable,
     "pixel": PixelTable,
     "pos": PosTable,
+    "refraction": RefractionTable,
     "unknown": UnknownTable,
     "encoder": EncoderColumn,
     "basis": Basis,

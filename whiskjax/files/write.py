@@ -9,7 +9,7 @@ import numpy as np
 
 from ..flights.flight import Flight
 from ..rules import FlightError, require_x64
-from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s
+from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s, refraction_to_toml
 from .flight_toml import NAME
 from .images import LINES
 from .measured import OBSERVATIONS, POINTS, SIGMAS
@@ -107,6 +107,8 @@ def flight_files(flight: Flight) -> dict[str, str]:
     toml |= {"pos": pos, "chain": chain, "camera": camera, "unknown": [unknown_to_toml(u) for u in flight.unknowns]}
     if not flight.unknowns:
         del toml["unknown"]
+    if (refraction := refraction_to_toml(flight)) is not None:
+        toml["refraction"] = refraction
     return {NAME: toml_text(toml)} | tables.finished()
 
 

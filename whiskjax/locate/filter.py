@@ -60,37 +60,35 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
 
 def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
     """One look."""
-    seen, (innovation, *linear) = _linearise(look, prior, prior.state)
+    state, covariance = prior
+    seen, crossed, innovation = _linearise(look, prior, state)
+    predicted = innovation
     passes = True if gate_nis is None else innovation.nis <= gate_nis
-    taken = seen.counts & passes
-    share = tuple(mul(s, jnp.where(taken, 1.0, 0.0)) for s in look.share)
-    state = prior.state
+    taken = jnp.where(seen.counts & passes, 1.0, 0.0)
+    share = tuple(mul(s, taken) for s in look.share)
 
-    def improve(state: State, seen: Expected, linear: Any) -> tuple[State, Rows]:
-        crossed, inverse = linear
-        k = gain(crossed, inverse, share)
+    def improve(seen: Expected, crossed: Rows, innovation: Innovation, state: State) -> tuple[State, Rows]:
+        k = gain(crossed, innovation.covariance_px2, share)
         # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
         way = tuple(sub(a, b) for a, b in zip(prior.state, state, strict=True))
-        residual = tuple(sub(r, dot(h, way)) for r, h in zip(seen.residual_px, seen.rows, strict=True))
-        return corrected(prior.state, k, residual if iterations else seen.residual_px), k
+        back = tuple(sub(r, dot(h, way)) for r, h in zip(seen.residual_px, seen.rows, strict=True))
+        return corrected(prior.state, k, back if iterations else seen.residual_px), k
 
     def again(_: Any, state: State) -> State:
-        seen, (_, *linear) = _linearise(look, prior, state)
-        return improve(state, seen, linear)[0]
+        return improve(*_linearise(look, prior, state), state)[0]
 
     if iterations:
-        state, _ = improve(state, seen, linear)
+        state, _ = improve(seen, crossed, innovation, state)
         state = jax.lax.fori_loop(0, iterations - 1, again, state)
-        seen, (_, *linear) = _linearise(look, prior, state)
-    state, k = improve(state, seen, linear)
-    return Step(Belief(state, joseph(prior.covariance, k, linear[0], seen.rows, seen.noise_px2)), innovation, seen.counts, passes)
+        seen, crossed, innovation = _linearise(look, prior, state)
+    state, k = improve(seen, crossed, innovation, state)
+    return Step(Belief(state, joseph(covariance, k, crossed, innovation.covariance_px2)), predicted, seen.counts, passes)
 
 
-def _linearise(look: Model, prior: Belief, state: State) -> tuple[Expected, tuple[Innovation, Rows, Vec3]]:
+def _linearise(look: Model, prior: Belief, state: State) -> tuple[Expected, Rows, Innovation]:
     seen = look.expect(state)
     crossed = seen_by(prior.covariance, seen.rows)
-    innovation, inverse = innovate(seen.residual_px, crossed, seen.rows, seen.noise_px2)
-    return seen, (innovation, crossed, inverse)
+    return seen, crossed, innovate(seen.residual_px, crossed, seen.rows, seen.noise_px2)
 
 
 def _upper(covariance: Covariance) -> tuple[Component, ...]:

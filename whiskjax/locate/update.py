@@ -28,22 +28,27 @@ def seen_by(covariance: Covariance, rows: Rows) -> Rows:
     return x, y
 
 
-def innovate(residual: Vec2, crossed: Rows, rows: Rows, noise: Vec3) -> tuple[Innovation, Vec3]:
-    """The innovation, and the inverse of its covariance."""
+def innovate(residual: Vec2, crossed: Rows, rows: Rows, noise: Vec3) -> Innovation:
+    """The innovation and its covariance S = H P H^T + R."""
     s00 = add(dot(rows[0], crossed[0]), noise[0])
     s01 = add(dot(rows[0], crossed[1]), noise[1])
     s11 = add(dot(rows[1], crossed[1]), noise[2])
-    w = 1 / (s00 * s11 - s01 * s01)
-    inverse = s11 * w, -s01 * w, s00 * w
     x, y = residual
-    nis = inverse[0] * x * x + 2 * inverse[1] * x * y + inverse[2] * y * y
-    return Innovation(residual, (s00, s01, s11), nis), inverse
+    nis = (s11 * x * x - 2 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01)
+    return Innovation(residual, (s00, s01, s11), nis)
 
 
-def gain(crossed: Rows, inverse: Vec3, share: Sequence[Component]) -> Rows:
-    """K = P H^T S^-1 (paper 003, equation 16), each row times its share: 0 for what is only considered or for a look left out."""
-    i00, i01, i11 = inverse
-    pairs = [(mul(w, a * i00 + b * i01), mul(w, a * i01 + b * i11)) for w, a, b in zip(share, *crossed, strict=True)]
+def gain(crossed: Rows, covariance_px2: Vec3, share: Sequence[Component]) -> Rows:
+    """K = P H^T S^-1 (paper 003, equation 16), each row times its share: 0 for what is only considered or for a look left out.
+
+    Divided entry by entry: XLA on the CPU keeps a quotient, but computes a product again wherever it is used.
+    """
+    s00, s01, s11 = covariance_px2
+    determinant = s00 * s11 - s01 * s01
+    pairs = [
+        (mul(w, (a * s11 - b * s01) / determinant), mul(w, (b * s00 - a * s01) / determinant))
+        for w, a, b in zip(share, *crossed, strict=True)
+    ]
     x, y = zip(*pairs, strict=True)
     return x, y
 
@@ -53,25 +58,22 @@ def corrected(state: State, k: Rows, residual: Vec2) -> State:
     return tuple(add(x, add(mul(a, residual[0]), mul(b, residual[1]))) for x, a, b in zip(state, *k, strict=True))
 
 
-def joseph(covariance: Covariance, k: Rows, crossed: Rows, rows: Rows, noise: Vec3) -> Covariance:
+def joseph(covariance: Covariance, k: Rows, crossed: Rows, covariance_px2: Vec3) -> Covariance:
     """(I - K H) P (I - K H)^T + K R K^T (paper 003, equation 18), valid for every gain.
 
-    Evaluated from the right as M = P - K (H P), P' = M - (M H^T - K R) K^T: products with two columns, no matrix with a matrix.
+    With C = P H^T and S = H P H^T + R that is P - K C^T - (C - K S) K^T: nothing but products with two columns. The bracket vanishes
+    for the optimal gain, and is what makes the form valid for any other.
     """
-    r00, r01, r11 = noise
+    s00, s01, s11 = covariance_px2
     left = [
-        tuple(sub(p, add(mul(a, cx), mul(b, cy))) for p, cx, cy in zip(row, *crossed, strict=True))
-        for row, a, b in zip(covariance, *k, strict=True)
-    ]
-    back = [
-        (
-            sub(dot(row, rows[0]), add(mul(a, r00), mul(b, r01))),
-            sub(dot(row, rows[1]), add(mul(a, r01), mul(b, r11))),
-        )
-        for row, a, b in zip(left, *k, strict=True)
+        (sub(cx, add(mul(a, s00), mul(b, s01))), sub(cy, add(mul(a, s01), mul(b, s11))))
+        for a, b, cx, cy in zip(*k, *crossed, strict=True)
     ]
     n = len(covariance)
-    upper = {
-        (i, j): sub(left[i][j], add(mul(back[i][0], k[0][j]), mul(back[i][1], k[1][j]))) for i in range(n) for j in range(i, n)
-    }
+
+    def entry(i: int, j: int) -> Component:
+        value = sub(covariance[i][j], add(mul(k[0][i], crossed[0][j]), mul(k[1][i], crossed[1][j])))
+        return sub(value, add(mul(left[i][0], k[0][j]), mul(left[i][1], k[1][j])))
+
+    upper = {(i, j): entry(i, j) for i in range(n) for j in range(i, n)}
     return tuple(tuple(upper[min(i, j), max(i, j)] for j in range(n)) for i in range(n))
