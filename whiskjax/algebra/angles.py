@@ -1,54 +1,50 @@
 """Sines and cosines that vectorise, and the elementary rotations made of them."""
 
+from typing import Any
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .vectors import Component, Mat3, is_structural
 
-# pi/2 in two parts (33 + 53 bits: k * PIO2_HI is exact for |k| < 2**20) and the minimax polynomials on [-pi/4, pi/4] of the
-# fdlibm kernels k_sin.c and k_cos.c (Sun Microsystems, 1993).
+# pi/2 in two parts (33 + 53 bits: k * PIO2_HI is exact for |k| < 2**20; fdlibm, e_rem_pio2.c) and the minimax polynomial of
+# (sin(r) / r - 1) / r^2 on [-pi/2, pi/2], made with the Remez exchange: sin is off by at most 2e-19 before rounding.
 _PIO2_HI, _PIO2_LO = 1.57079632673412561417, 6.07710050650619224932e-11
 _SIN = (
-    -1.66666666666666324348e-01,
-    8.33333333332248946124e-03,
-    -1.98412698298579493134e-04,
-    2.75573137070700676789e-06,
-    -2.50507602534068634195e-08,
-    1.58969099521155010221e-10,
-)
-_COS = (
-    4.16666666666666019037e-02,
-    -1.38888888888741095749e-03,
-    2.48015872894767294178e-05,
-    -2.75573143513906633035e-07,
-    2.08757232129817482790e-09,
-    -1.13596475577881948265e-11,
+    -1.66666666666666645502e-01,
+    8.33333333333311400346e-03,
+    -1.98412698411859607790e-04,
+    2.75573192077869121124e-06,
+    -2.50521066066355205289e-08,
+    1.60589278363680798845e-10,
+    -7.64271292549516603903e-13,
+    2.71849634785522087460e-15,
 )
 
 
-def _horner(z: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Array, "..."]:
-    *rest, before, last = coefficients
-    value = before + z * last
+def _sine(x: Float[Array, "..."], quarters: int) -> Float[Array, "..."]:
+    """sin(x + quarters * pi/2).
+
+    With one polynomial over half a turn, so that sine and cosine share nothing: XLA on the CPU makes a loop for each, and would
+    evaluate in both what they share.
+    """
+    half_turns = jnp.round(x * (1 / jnp.pi) + 0.5 * quarters)
+    k = 2.0 * half_turns - quarters
+    r = (x - k * _PIO2_HI) - k * _PIO2_LO
+    z = r * r
+    *rest, value = _SIN
     for c in reversed(rest):
         value = c + z * value
-    return value
+    sine = r + r * z * value
+    is_odd = half_turns - 2.0 * jnp.floor(0.5 * half_turns)
+    return sine * (1.0 - 2.0 * is_odd)
 
 
 @jax.jit  # traced once for each shape: a chain asks for dozens of angles
 def _polynomials(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    k = jnp.round(x * (2 / jnp.pi))
-    r = (x - k * _PIO2_HI) - k * _PIO2_LO
-    z = r * r
-    s = r + r * z * _horner(z, _SIN)
-    c = 1.0 - 0.5 * z + z * z * _horner(z, _COS)
-    quadrant = k - 4.0 * jnp.floor(0.25 * k)
-    odd = (quadrant == 1.0) | (quadrant == 3.0)
-    sine, cosine = jnp.where(odd, c, s), jnp.where(odd, s, c)
-    return (
-        jnp.where(quadrant >= 2.0, -sine, sine),
-        jnp.where((quadrant == 1.0) | (quadrant == 2.0), -cosine, cosine),
-    )
+    return _sine(x, 0), _sine(x, 1)
 
 
 @jax.custom_jvp
@@ -62,7 +58,19 @@ def _sincos_jvp(primals, tangents):
     return (s, c), (c * tangents[0], -s * tangents[0])
 
 
-def sincos(angle_rad: Component) -> tuple[Component, Component]:
+class Angle(eqx.Module):
+    """An angle that is known by its sine and cosine, computed once; it can stand wherever an angle is asked for."""
+
+    sine: Component
+    cosine: Component
+
+    @classmethod
+    def of(cls, angle_rad: Component) -> Any:
+        """Of an angle in radians; the structural zero stays one."""
+        return angle_rad if is_structural(angle_rad, 0) else cls(*sincos(angle_rad))
+
+
+def sincos(angle_rad: Component | Angle) -> tuple[Component, Component]:
     """Sine and cosine of an angle together.
 
     XLA's float64 sin and cos on the CPU are scalar library calls; this one is polynomial arithmetic that vectorises. Its
@@ -70,6 +78,8 @@ def sincos(angle_rad: Component) -> tuple[Component, Component]:
     """
     if is_structural(angle_rad, 0):
         return 0, 1
+    if isinstance(angle_rad, Angle):
+        return angle_rad.sine, angle_rad.cosine
     return _sincos(jnp.asarray(angle_rad, dtype=jnp.result_type(float)))
 
 

@@ -21,19 +21,25 @@ class AbstractLink(eqx.Module):
     def check(self, shot: Shot) -> RESULTS:
         """Whether the link knows the pose of each shot."""
 
+    def ready(self, shot: Shot) -> "Pose | AbstractLink":
+        """What the pose is made of, for one pass over the shots: what costs much (interpolation, sines and cosines) is done, but the
+        parts are not multiplied out. A link aligned with the shots, or where that would save nothing the pose itself."""
+        return self.pose(shot)
+
     def chosen(self, shot: Shot) -> "AbstractLink":
         """The link that acts on these shots, where that is known before tracing; a link that makes no choice is itself."""
         return self
 
 
 class Given(AbstractLink):
-    """A pose that the shot already carries: what `bake` leaves behind."""
+    """A pose that the shot already carries, or what it is made of: what `bake` leaves behind."""
 
     index: int = eqx.field(static=True)
 
     def pose(self, shot: Shot) -> Pose:
         """The pose in the shot."""
-        return shot.poses[self.index]
+        carried = shot.poses[self.index]
+        return carried if isinstance(carried, Pose) else carried.pose(shot)
 
     def check(self, shot: Shot) -> RESULTS:
         """Checked when it was baked."""

@@ -5,6 +5,7 @@ A camera that stores its own navigation with every exposure, and Monte Carlo run
 
 import equinox as eqx
 
+from ..algebra.angles import Angle
 from ..algebra.vectors import Component
 from ..rules import RESULTS, require_x64
 from .link import AbstractLink
@@ -33,6 +34,13 @@ class Records(AbstractLink):
     def pose(self, shot: Shot) -> Pose:
         """The pose of each record."""
         return ecef_from_body(self.lat_rad, self.lon_rad, self.height_m, self.roll_rad, self.pitch_rad, self.heading_rad)
+
+    def ready(self, shot: Shot) -> "Records":
+        """The same records with the sines and cosines of their angles."""
+        lat, lon, *attitude = (
+            Angle.of(a) for a in (self.lat_rad, self.lon_rad, self.roll_rad, self.pitch_rad, self.heading_rad)
+        )
+        return Records(lat, lon, self.height_m, *attitude)
 
     def check(self, shot: Shot) -> RESULTS:
         """Always known."""

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..rules import WhiskjaxError, is_traced
-from .pose import Pose
 
 KEYS = ("image", "swing", "view", "strip")
 
@@ -40,7 +39,7 @@ class Shot(eqx.Module):
     swing: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "swing"))
     view: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "view"))
     strip: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "strip"))
-    poses: tuple[Pose, ...] = ()  # filled by bake
+    poses: tuple[Any, ...] = ()  # filled by bake: poses, or links aligned with the shots that make them
 
     def need(self, field: str, why: str) -> Any:
         """The time or a key that somebody cannot do without.

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.angles import ELEMENTARY
+from ..algebra.angles import ELEMENTARY, Angle
 from ..algebra.vectors import Component, add, is_structural, mul
 from ..rules import RESULTS, WhiskjaxError
 from .knots import Knots, take
@@ -17,7 +17,9 @@ from .shot import Shot
 
 
 def as_parameter(value: Any) -> Any:
-    """An array, except for the structural zero, which stays a Python int and costs nothing."""
+    """An array, except for the structural zero, which stays a Python int and costs nothing, and for a known `Angle`."""
+    if isinstance(value, Angle):
+        return value
     return 0 if is_structural(value, 0) else jnp.asarray(value, dtype=float)
 
 
@@ -61,17 +63,13 @@ class Encoder(eqx.Module):
 
 
 class Readings(eqx.Module):
-    """A recorded angle for each shot, in radians, aligned with the shots: nothing to interpolate."""
+    """A recorded angle for each shot, in radians, aligned with the shots: nothing to interpolate, and no delay to calibrate."""
 
     angle_rad: Component = eqx.field(converter=as_parameter)
 
     def at(self, t: Component) -> Component:
         """The reading of each shot, whatever its time."""
         return self.angle_rad
-
-    def check(self, t: Component) -> RESULTS:
-        """Always known."""
-        return RESULTS.successful
 
 
 class Turn(AbstractLink):
@@ -93,11 +91,21 @@ class Turn(AbstractLink):
         if self.sign not in (1, -1):
             raise WhiskjaxError(f"the sign of a turn is +1 or -1, not {self.sign!r}")
 
+    def _angle(self, shot: Shot) -> Any:
+        time = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
+        angle = self.encoder.at(time)
+        return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
+
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""
-        angle = add(self.encoder.at(add(shot.need("time_s", "which a turn needs"), self.delay_s)), self.zero_rad)
-        return Pose(ELEMENTARY[self.axis](mul(self.sign, angle)))
+        return Pose(ELEMENTARY[self.axis](self._angle(shot)))
+
+    def ready(self, shot: Shot) -> "Turn":
+        """The same turn with the sine and cosine of its angle, index error and sign included."""
+        return Turn(self.axis, Readings(Angle.of(self._angle(shot))))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the encoder was recorded at the shot's time."""
+        if isinstance(self.encoder, Readings):
+            return RESULTS.successful
         return self.encoder.check(add(shot.need("time_s", "which a turn needs"), self.delay_s))

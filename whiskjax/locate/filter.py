@@ -3,16 +3,20 @@
 With R = (2 px)^2 and no noise of frames this is the filter of paper 003 (equations 13 to 18).
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
+from ..algebra.once import once
 from ..algebra.vectors import Component, Vec3, dot, mul, sub
 from .model import Expected, Model
 from .motion import Transition, predict
 from .update import Covariance, Innovation, Rows, State, corrected, gain, innovate, joseph, seen_by
+
+T = TypeVar("T")
 
 
 class Belief(NamedTuple):
@@ -44,24 +48,24 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
     """
     own, shared = model.split()
 
-    def one(carry: Any, own: Model) -> tuple[Any, Any]:
-        look = eqx.combine(own, shared)
+    def one(carry: Any, own: tuple[Array, Model]) -> tuple[Any, Any]:
+        look = eqx.combine(own[1], shared)
         belief = Belief(carry[0], _full(carry[1]))
         if look.density is not None:
             belief = Belief(*predict(*belief, Transition(look.step_s, look.density)))
-        step = correct(look, belief, iterations, gate_nis)
+        step = correct(look, belief, iterations, gate_nis, own[0] >= 0)
         carry = step.belief.state, _upper(step.belief.covariance)
         return carry, step._replace(belief=carry)
 
     start = jax.tree.map(lambda c: jnp.asarray(c, dtype=float), (prior.state, _upper(prior.covariance)))
-    (state, upper), steps = jax.lax.scan(one, start, own)
+    (state, upper), steps = jax.lax.scan(one, start, (jnp.arange(model.pixel_px[0].shape[0]), own))
     return Belief(state, _full(upper)), steps._replace(belief=Belief(steps.belief[0], _full(steps.belief[1])))
 
 
-def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
-    """One look."""
+def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None, holds: Bool[Array, ""]) -> Step:
+    """One look. **Arguments:** `holds`: true, for `once`."""
     state, covariance = prior
-    seen, crossed, innovation = _linearise(look, prior, state)
+    seen, crossed, innovation = _linearise(look, prior, state, holds)
     predicted = innovation
     passes = True if gate_nis is None else innovation.nis <= gate_nis
     taken = jnp.where(seen.counts & passes, 1.0, 0.0)
@@ -75,20 +79,30 @@ def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None)
         return corrected(prior.state, k, back if iterations else seen.residual_px), k
 
     def again(_: Any, state: State) -> State:
-        return improve(*_linearise(look, prior, state), state)[0]
+        return improve(*_linearise(look, prior, state, holds), state)[0]
 
     if iterations:
         state, _ = improve(seen, crossed, innovation, state)
         state = jax.lax.fori_loop(0, iterations - 1, again, state)
-        seen, crossed, innovation = _linearise(look, prior, state)
+        seen, crossed, innovation = _linearise(look, prior, state, holds)
     state, k = improve(seen, crossed, innovation, state)
     return Step(Belief(state, joseph(covariance, k, crossed, innovation.covariance_px2)), predicted, seen.counts, passes)
 
 
-def _linearise(look: Model, prior: Belief, state: State) -> tuple[Expected, Rows, Innovation]:
-    seen = look.expect(state)
-    crossed = seen_by(prior.covariance, seen.rows)
-    return seen, crossed, innovate(seen.residual_px, crossed, seen.rows, seen.noise_px2)
+def _linearise(
+    look: Model, prior: Belief, state: State, holds: Bool[Array, ""]
+) -> tuple[Expected, Rows, Innovation]:
+    seen = once(holds, lambda: _as_arrays(look.expect(state)))
+
+    def compare() -> tuple[Rows, Innovation]:
+        crossed = seen_by(prior.covariance, seen.rows)
+        return _as_arrays((crossed, innovate(seen.residual_px, crossed, seen.rows, seen.noise_px2)))
+
+    return seen, *once(holds, compare)
+
+
+def _as_arrays(tree: T) -> T:
+    return jax.tree.map(jnp.asarray, tree)
 
 
 def _upper(covariance: Covariance) -> tuple[Component, ...]:

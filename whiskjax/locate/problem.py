@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import Mat3, stack, unstack
-from ..chain.bake import bake
+from ..chain.bake import ready
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
 from ..rules.results import is_successful
@@ -37,8 +37,7 @@ class Problem(eqx.Module):
         """
         anchor = unstack(self.guess.point_m)
         level = self.surface.level(anchor)
-        joints = tuple(dict.fromkeys(frame.frame for frame in self.noise))
-        sensor, shots = bake(self.sensor, self.looks.shot, self.nuisance.links, joints)
+        sensor, shots = ready(self.sensor, self.looks.shot, self.nuisance.links)
         to_world = as_matrix(level)
         blocks = [to_world @ self.guess.covariance_enu_m2 @ to_world.T]
         step = since = density = None
