@@ -38,6 +38,7 @@ from .earth.ellipsoid import ecef_to_geodetic as ecef_to_geodetic
 from .earth.ellipsoid import geodetic_to_ecef as geodetic_to_ecef
 from .earth.frames import enu_rotation as enu_rotation
 from .earth.frames import ned_rotation as ned_rotation
+from .earth.refraction import Refraction as Refraction
 from .earth.surface import HeightSurface as HeightSurface
 from .earth.surface import Plane as Plane
 from .estimate.accuracy import Accuracy as Accuracy

@@ -46,10 +46,10 @@ def bake(sensor: Sensor, shots: Shot, free: Collection[str], joints: Collection[
 
 
 def ready(sensor: Sensor, shots: Shot, free: Collection[str]) -> tuple[Sensor, Shot]:
-    """A sensor and shots that image alike, for one pass over the shots: trigonometry and interpolation are done, products are not.
+    """A sensor and shots that image alike, for one pass over the shots: trigonometry is done, products are not.
 
-    A filter looks at every shot once; a pose multiplied out beforehand is 12 numbers written and read again, its sines and cosines
-    are fewer. Frames keep their names, so that a small motion can be applied at each.
+    A filter looks at every shot once; a pose multiplied out beforehand is 12 numbers written and read again, its sines and
+    cosines are fewer. Every frame keeps its name, so that a small motion can be applied at each.
 
     **Arguments:** as for `bake`.
     """

@@ -22,8 +22,10 @@ class AbstractLink(eqx.Module):
         """Whether the link knows the pose of each shot."""
 
     def ready(self, shot: Shot) -> "Pose | AbstractLink":
-        """What the pose is made of, for one pass over the shots: what costs much (interpolation, sines and cosines) is done, but the
-        parts are not multiplied out. A link aligned with the shots, or where that would save nothing the pose itself."""
+        """What the pose is made of, for one pass over the shots: interpolation, sines and cosines are done, products are not.
+
+        A link aligned with the shots; where that saves nothing, the pose itself.
+        """
         return self.pose(shot)
 
     def chosen(self, shot: Shot) -> "AbstractLink":

@@ -37,9 +37,7 @@ class Records(AbstractLink):
 
     def ready(self, shot: Shot) -> "Records":
         """The same records with the sines and cosines of their angles."""
-        lat, lon, *attitude = (
-            Angle.of(a) for a in (self.lat_rad, self.lon_rad, self.roll_rad, self.pitch_rad, self.heading_rad)
-        )
+        lat, lon, *attitude = (Angle.of(a) for a in (self.lat_rad, self.lon_rad, self.roll_rad, self.pitch_rad, self.heading_rad))
         return Records(lat, lon, self.height_m, *attitude)
 
     def check(self, shot: Shot) -> RESULTS:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from ..algebra.vectors import Vec2, neg
 from ..chain.address import put
+from ..chain.imaging import apparent
 from ..chain.sensor import Sensor
 from ..chain.sweep import sweep
 from .problem import Group, Problem
@@ -29,7 +30,7 @@ def columns(
 
     def seen(u: Array):
         found = sweep(problem.put(u), group.shot, group.point)
-        outer = dict(zip((*problem.sensor.names, "camera"), found.points.values(), strict=True))
+        outer = dict(zip((*problem.sensor.names, "camera"), found.points.values(), strict=True)) | {"refraction": group.point}
         residual = tuple(z - h for z, h in zip(group.pixel, found.pixel, strict=True))
         passing = [(outer[name], _whitened_rows(group, found.derivatives.get(name))) for name in links]
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), (group.whiten(*residual), passing))
@@ -66,6 +67,8 @@ def _columns_of_link(problem: Problem, group: Group, u: Array, name: str, point:
         sensor: Sensor = put(problem.sensor, [p for _, p in places], [value[k] for k, _ in places])
         if name == "camera":
             return group.whiten(*(neg(h) for h in sensor.camera_at(group.shot).pixel(point)))
+        if name == "refraction":
+            return apparent(sensor, group.shot, point)
         return sensor[name].pose(group.shot).into(point)
 
     def column(direction: Array) -> Vec2:

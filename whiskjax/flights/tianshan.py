@@ -94,7 +94,7 @@ class Recorded(eqx.Module):
 
 
 def sensor(recorded: Recorded) -> Sensor:
-    """The camera with its two-axis gimbal: u = Ry(alpha) Rx(beta) body_from_ned ned_from_ecef (x - platform), boresight along z."""
+    """The camera in its two-axis gimbal: u = Ry(alpha) Rx(beta) body_from_ned ned_from_ecef (x - platform), looking along z."""
     r = recorded
     return Sensor(
         {

@@ -15,15 +15,15 @@ _GATES = (64.0, 16.0, 4.0, 1.0)
 
 
 class Equations(NamedTuple):
-    """All looks, linearised at a state of the last look.
+    """All looks, linearised at a state of the last look; residuals, rows and noise in sigmas of the pixel.
 
     `weight` is the inverse covariance of each look's noise, zero for looks left out; `data` the information of the looks alone,
     `formal` the covariance of what is estimated as if what is considered were known, zero there.
     """
 
-    residual_px: Float[Array, "looks 2"]
+    residual: Float[Array, "looks 2"]
     rows: Float[Array, "looks 2 n"]
-    noise_px2: Float[Array, "looks 2 2"]
+    noise: Float[Array, "looks 2 2"]
     weight: Float[Array, "looks 2 2"]
     counts: Bool[Array, " looks"]
     data: Float[Array, "n n"]
@@ -31,7 +31,7 @@ class Equations(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """The most probable state at the last look and its covariance, each look's residual with its covariance and whether it passed.
+    """The most probable state at the last look, its covariance, each look's residual covariance and NIS, and whether it passed.
 
     `cost` is the sum of the squared whitened residuals of looks and prior, `step` the last step in posterior sigmas.
     """
@@ -39,9 +39,8 @@ class Solved(NamedTuple):
     state: Float[Array, " n"]
     covariance: Float[Array, "n n"]
     equations: Equations
-    residual_covariance_px2: Float[Array, "looks 2 2"]
+    residual_covariance: Float[Array, "looks 2 2"]
     nis: Float[Array, " looks"]
-    counts: Bool[Array, " looks"]
     passes: Bool[Array, " looks"]
     cost: Float[Array, ""]
     step: Float[Array, ""]
@@ -62,7 +61,7 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
         def once(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
             state, _ = carry
             found = equations(model, information, state, used)
-            right = jnp.einsum("kan,kab,kb->n", found.rows, found.weight, found.residual_px) + information @ (mean - state)
+            right = jnp.einsum("kan,kab,kb->n", found.rows, found.weight, found.residual) + information @ (mean - state)
             step = found.formal @ right
             sigma = jnp.sqrt(jnp.diag(found.formal))
             return state + step, jnp.abs(step / jnp.where(sigma > 0, sigma, 1.0)).max()
@@ -79,14 +78,13 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
     effect = considered(found, estimated)
     residual_covariance = _residual_covariance(found, spread, estimated, used)
     away = state - mean
-    cost = jnp.einsum("ka,kab,kb->", found.residual_px, found.weight, found.residual_px) + away @ information @ away
+    cost = jnp.einsum("ka,kab,kb->", found.residual, found.weight, found.residual) + away @ information @ away
     return Solved(
         state,
         found.formal + effect @ spread @ effect.T,
         found,
         residual_covariance,
         _nis(found, residual_covariance),
-        found.counts,
         used,
         cost,
         step,
@@ -114,7 +112,7 @@ def equations(
     rows = [list(row) for row in seen.rows]
     if model.density is not None:
         rows = [[*row[:3], *(mul(model.since_s, h) for h in row[:3]), *row[6:]] for row in rows]
-    r00, r01, r11 = seen.noise_px2
+    r00, r01, r11 = seen.noise
     w = jnp.where(seen.counts & used, 1 / (r00 * r11 - r01 * r01), 0.0)
     shape = used.shape
     weight = _pairs((r11 * w, -r01 * w, r00 * w), shape)
@@ -123,7 +121,7 @@ def equations(
     share = jnp.asarray(model.share, dtype=float)
     both = jnp.outer(share, share)
     formal = jnp.linalg.inv((data + information) * both + jnp.diag(1 - share)) * both
-    return Equations(stack(seen.residual_px), matrix, _pairs(seen.noise_px2, shape), weight, seen.counts, data, formal)
+    return Equations(stack(seen.residual), matrix, _pairs(seen.noise, shape), weight, seen.counts, data, formal)
 
 
 def considered(found: Equations, estimated: Float[Array, " n"]) -> Float[Array, "n n"]:
@@ -138,12 +136,12 @@ def _residual_covariance(
     fitted = jnp.einsum("kan,nm,kbm->kab", found.rows, found.formal, found.rows)
     bent = jnp.einsum("kan,nm->kam", found.rows, considered(found, estimated))
     sign = jnp.where(used & found.counts, -1.0, 1.0)[:, None, None]
-    return found.noise_px2 + sign * fitted + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
+    return found.noise + sign * fitted + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
 
 
 def _nis(found: Equations, covariance: Float[Array, "looks 2 2"]) -> Float[Array, " looks"]:
     s00, s01, s11 = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    x, y = found.residual_px[:, 0], found.residual_px[:, 1]
+    x, y = found.residual[:, 0], found.residual[:, 1]
     return (s11 * x * x - 2 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01)
 
 

@@ -3,20 +3,16 @@
 With R = (2 px)^2 and no noise of frames this is the filter of paper 003 (equations 13 to 18).
 """
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
-from ..algebra.once import once
-from ..algebra.vectors import Component, Vec3, dot, mul, sub
+from ..algebra.vectors import Component, dot, mul, sub
 from .model import Expected, Model
 from .motion import Transition, predict
 from .update import Covariance, Innovation, Rows, State, corrected, gain, innovate, joseph, seen_by
-
-T = TypeVar("T")
 
 
 class Belief(NamedTuple):
@@ -27,7 +23,7 @@ class Belief(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One look: the belief after it, the innovation before it, whether it was measured and seen, and whether it passed the gate."""
+    """One look: the belief after it, the innovation before it, whether it counts, and whether it passed the gate."""
 
     belief: Belief
     innovation: Innovation
@@ -48,61 +44,51 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
     """
     own, shared = model.split()
 
-    def one(carry: Any, own: tuple[Array, Model]) -> tuple[Any, Any]:
-        look = eqx.combine(own[1], shared)
+    def one(carry: Any, own: Model) -> tuple[Any, Any]:
+        look = eqx.combine(own, shared)
         belief = Belief(carry[0], _full(carry[1]))
         if look.density is not None:
             belief = Belief(*predict(*belief, Transition(look.step_s, look.density)))
-        step = correct(look, belief, iterations, gate_nis, own[0] >= 0)
+        step = correct(look, belief, iterations, gate_nis)
         carry = step.belief.state, _upper(step.belief.covariance)
         return carry, step._replace(belief=carry)
 
     start = jax.tree.map(lambda c: jnp.asarray(c, dtype=float), (prior.state, _upper(prior.covariance)))
-    (state, upper), steps = jax.lax.scan(one, start, (jnp.arange(model.pixel_px[0].shape[0]), own))
+    (state, upper), steps = jax.lax.scan(one, start, own)
     return Belief(state, _full(upper)), steps._replace(belief=Belief(steps.belief[0], _full(steps.belief[1])))
 
 
-def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None, holds: Bool[Array, ""]) -> Step:
-    """One look. **Arguments:** `holds`: true, for `once`."""
+def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
+    """One look. One that does not count has no residual and no derivatives, and so changes nothing."""
     state, covariance = prior
-    seen, crossed, innovation = _linearise(look, prior, state, holds)
-    predicted = innovation
-    passes = True if gate_nis is None else innovation.nis <= gate_nis
-    taken = jnp.where(seen.counts & passes, 1.0, 0.0)
-    share = tuple(mul(s, taken) for s in look.share)
+    seen, crossed, innovation = _linearise(look, prior, state)
+    predicted, share, passes = innovation, look.share, True
+    if gate_nis is not None:
+        passes = innovation.nis <= gate_nis
+        share = tuple(mul(s, jnp.where(passes, 1.0, 0.0)) for s in share)
 
     def improve(seen: Expected, crossed: Rows, innovation: Innovation, state: State) -> tuple[State, Rows]:
-        k = gain(crossed, innovation.covariance_px2, share)
+        k = gain(crossed, innovation.covariance, share)
         # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
         way = tuple(sub(a, b) for a, b in zip(prior.state, state, strict=True))
-        back = tuple(sub(r, dot(h, way)) for r, h in zip(seen.residual_px, seen.rows, strict=True))
-        return corrected(prior.state, k, back if iterations else seen.residual_px), k
+        back = tuple(sub(r, dot(h, way)) for r, h in zip(seen.residual, seen.rows, strict=True))
+        return corrected(prior.state, k, back if iterations else seen.residual), k
 
     def again(_: Any, state: State) -> State:
-        return improve(*_linearise(look, prior, state, holds), state)[0]
+        return improve(*_linearise(look, prior, state), state)[0]
 
     if iterations:
         state, _ = improve(seen, crossed, innovation, state)
         state = jax.lax.fori_loop(0, iterations - 1, again, state)
-        seen, crossed, innovation = _linearise(look, prior, state, holds)
+        seen, crossed, innovation = _linearise(look, prior, state)
     state, k = improve(seen, crossed, innovation, state)
-    return Step(Belief(state, joseph(covariance, k, crossed, innovation.covariance_px2)), predicted, seen.counts, passes)
+    return Step(Belief(state, joseph(covariance, k, crossed, innovation.covariance)), predicted, seen.counts, passes)
 
 
-def _linearise(
-    look: Model, prior: Belief, state: State, holds: Bool[Array, ""]
-) -> tuple[Expected, Rows, Innovation]:
-    seen = once(holds, lambda: _as_arrays(look.expect(state)))
-
-    def compare() -> tuple[Rows, Innovation]:
-        crossed = seen_by(prior.covariance, seen.rows)
-        return _as_arrays((crossed, innovate(seen.residual_px, crossed, seen.rows, seen.noise_px2)))
-
-    return seen, *once(holds, compare)
-
-
-def _as_arrays(tree: T) -> T:
-    return jax.tree.map(jnp.asarray, tree)
+def _linearise(look: Model, prior: Belief, state: State) -> tuple[Expected, Rows, Innovation]:
+    seen = look.expect(state)
+    crossed = seen_by(prior.covariance, seen.rows)
+    return seen, crossed, innovate(seen.residual, crossed, seen.rows, seen.noise)
 
 
 def _upper(covariance: Covariance) -> tuple[Component, ...]:

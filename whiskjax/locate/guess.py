@@ -14,7 +14,7 @@ from ..earth.surface import AbstractSurface
 from ..rules import WhiskjaxError, is_traced, raise_failures, require_x64
 from .looks import Looks
 
-# Horizontal sigmas in degrees beside a height in metres (paper 003, equation 19) differ by 1e5; nobody knows a place so much better.
+# Horizontal sigmas in degrees beside a height in metres (paper 003, equation 19) differ by 1e5; no target is known so well.
 _LIKE_DEGREES = 1e-3
 
 

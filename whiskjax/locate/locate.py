@@ -156,35 +156,45 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
 
 def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
     (state, covariance), innovation = steps.belief, steps.innovation
-    s00, s01, s11 = innovation.covariance_px2
+    s00, s01, s11 = innovation.covariance
+    residual, spread = _in_pixels(model, stack(innovation.residual), _matrix(((s00, s01), (s01, s11))), is_missed)
     return LookByLook(
         point_m=stack(vadd(model.anchor_m, state[:3])),
         covariance_enu_m2=_matrix(tuple(row[:3] for row in covariance[:3])),
-        innovation_px=stack(innovation.residual_px),
-        innovation_covariance_px2=_matrix(((s00, s01), (s01, s11))),
+        innovation_px=residual,
+        innovation_covariance_px2=spread,
         nis=innovation.nis,
         is_missed=is_missed,
         result=result,
         counts=steps.counts,
-        passes=steps.passes,
+        passes=jnp.broadcast_to(steps.passes, is_missed.shape),
     )
 
 
 def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
     """A batch knows one answer; of a moving target it is where that was at each look."""
     looks = found.nis.shape[0]
-    moved = 0.0 if model.density is None else model.since_s[:, None] * found.state[None, 3:6]
+    moved = 0.0 if model.since_s is None else model.since_s[:, None] * found.state[None, 3:6]
+    residual, spread = _in_pixels(model, found.equations.residual, found.residual_covariance, is_missed)
     return LookByLook(
         point_m=jnp.broadcast_to(stack(model.anchor_m) + found.state[:3], (looks, 3)) + moved,
         covariance_enu_m2=jnp.broadcast_to(found.covariance[:3, :3], (looks, 3, 3)),
-        innovation_px=found.equations.residual_px,
-        innovation_covariance_px2=found.residual_covariance_px2,
+        innovation_px=residual,
+        innovation_covariance_px2=spread,
         nis=found.nis,
         is_missed=is_missed,
         result=result,
-        counts=found.counts,
+        counts=found.equations.counts,
         passes=found.passes,
     )
+
+
+def _in_pixels(
+    model: Model, residual: Float[Array, "looks 2"], covariance: Float[Array, "looks 2 2"], is_missed: Bool[Array, " looks"]
+) -> tuple[Float[Array, "looks 2"], Float[Array, "looks 2 2"]]:
+    """From sigmas of the pixel to pixels; a look that was missed has no residual."""
+    sigma = jnp.broadcast_to(stack(model.sigma_px), residual.shape)
+    return jnp.where(is_missed[:, None], jnp.nan, residual * sigma), covariance * sigma[:, :, None] * sigma[:, None, :]
 
 
 def _matrix(rows: tuple[tuple[Any, ...], ...]) -> Float[Array, "... n n"]:

@@ -20,9 +20,9 @@ class LookByLook(eqx.Module):
     """What happened at every look, (looks, ...).
 
     `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
-    before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the residual
-    at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each whether
-    its pose is known.
+    before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
+    residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
+    whether its pose is known.
     """
 
     point_m: Float[Array, "looks 3"]

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..algebra.vectors import Component, Mat3, Vec2, Vec3, add, mul, vadd
+from ..algebra.vectors import Component, Mat3, Vec2, Vec3, add, mul, scale, vadd
 from ..chain.records import Records
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
@@ -23,20 +23,21 @@ from .update import Rows, State
 
 
 class Expected(NamedTuple):
-    """Residual measured - predicted in px, its derivatives by the state, the covariance (r00, r01, r11) of its noise, and whether
-    the look counts: it was measured, and the target is in front of the camera."""
+    """A look beside a state, in sigmas of the pixel: residual measured - predicted, its derivatives by the state, the covariance
+    (r00, r01, r11) of its noise, and whether it counts: it was measured, and the target is in front of the camera. One that does
+    not count has residual and derivatives zero."""
 
-    residual_px: Vec2
+    residual: Vec2
     rows: Rows
-    noise_px2: Vec3
+    noise: Vec3
     counts: Bool[Array, "..."]
 
 
 class Model(eqx.Module):
     """The looks at a target, ready to be compared with states: (x, y, z) from the anchor, velocity if it moves, nuisances.
 
-    Axes are those of the world. `sensor` is baked and `shots` carry the poses; `step_s` is the time since the look before, `since_s`
-    that since the last look of all (not positive); `density` the wander of the velocity, in the axes of the world.
+    Axes are those of the world. `sensor` is made ready and `shots` carry the poses; `step_s` is the time since the look before,
+    `since_s` that since the last look of all (not positive), `density` the wander of the velocity: None where the target stands.
     """
 
     sensor: Sensor
@@ -64,16 +65,23 @@ class Model(eqx.Module):
         """Compare the looks with a state at their time."""
         u = state[self.kinematic :]
         sensor = self.nuisance.put(self.sensor, u)
-        swept = sweep(sensor, self.shots, vadd(self.anchor_m, state[:3]))
-        x, y = zip(*self.nuisance.rows(sensor, self.shots, swept, u), strict=True) if u else ((), ())
-        by_point = swept.derivatives["earth"]
-        still = (0,) * (self.kinematic - 3)
+        point = vadd(self.anchor_m, state[:3])
+        swept = sweep(sensor, self.shots, point)
+        x, y = zip(*self.nuisance.rows(sensor, self.shots, point, swept, u), strict=True) if u else ((), ())
+        seen = is_successful(sensor.camera_at(self.shots).check_direction(swept.points[sensor.names[-1]]))
         missed = jnp.isnan(self.pixel_px[0]) | jnp.isnan(self.pixel_px[1])
-        residual = tuple(jnp.where(missed, 0.0, z - h) for z, h in zip(self.pixel_px, swept.pixel, strict=True))
+        counts = seen & ~missed
+        # Quotients, which XLA on the CPU keeps, where it would evaluate the check and the projection again at every use.
+        weight = tuple(jnp.where(counts, 1.0, 0.0) / sigma for sigma in self.sigma_px)
+        residual = tuple(
+            jnp.where(counts, z - h, 0.0) / sigma for z, h, sigma in zip(self.pixel_px, swept.pixel, self.sigma_px, strict=True)
+        )
+        by_point, still = swept.derivatives["earth"], (0,) * (self.kinematic - 3)
+        rows = tuple(scale(w, (*row, *still, *more)) for w, row, more in zip(weight, by_point, (x, y), strict=True))
         r00, r01, r11 = variance_px2(self.noise, swept)
-        noise = add(r00, mul(self.sigma_px[0], self.sigma_px[0])), r01, add(r11, mul(self.sigma_px[1], self.sigma_px[1]))
-        seen = sensor.camera_at(self.shots).check_direction(swept.points[sensor.names[-1]])
-        return Expected(residual, ((*by_point[0], *still, *x), (*by_point[1], *still, *y)), noise, is_successful(seen) & ~missed)
+        (a, b), one = weight, jnp.ones(())
+        noise = add(one, mul(a, mul(a, r00))), mul(a, mul(b, r01)), add(one, mul(b, mul(b, r11)))
+        return Expected(residual, rows, noise, counts)
 
     def split(self) -> tuple["Model", "Model"]:
         """What each look has of its own (arrays whose first axis is the looks), and what all share; `eqx.combine` joins them."""

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Component, Vec2, apply
+from ..algebra.vectors import Component, Vec2, Vec3, apply
 from ..chain.address import Address, put
+from ..chain.imaging import apparent
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.sweep import Sweep
@@ -20,7 +21,7 @@ from ..rules import WhiskjaxError
 
 
 class Nuisance(eqx.Module):
-    """Unknowns behind the target in the filter's state, whitened: value = mean + scale u, with the correlation of u as covariance.
+    """Unknowns behind the target in the state, whitened: value = mean + scale u, with the correlation of u as covariance.
 
     `share` is 1 for what is estimated and 0 for what is considered: its gain is zero, but its covariance counts (Schmidt 1966).
     """
@@ -42,12 +43,12 @@ class Nuisance(eqx.Module):
         pairs = [(p, self.mean[k] + self.scale[k] * u[k]) for k, places in enumerate(self.places) for p in places]
         return put(sensor, [p for p, _ in pairs], [v for _, v in pairs]) if pairs else sensor
 
-    def rows(self, sensor: Sensor, shot: Shot, swept: Sweep, u: Sequence[Component]) -> list[Vec2]:
+    def rows(self, sensor: Sensor, shot: Shot, point: Vec3, swept: Sweep, u: Sequence[Component]) -> list[Vec2]:
         """Derivative of the pixel by each of them: what it does to the point that passes its link, through the chain behind it.
 
-        **Arguments:** `sensor`, `swept`: with `u` put in.
+        **Arguments:** `sensor`, `swept`: with `u` put in; `point`: the target, in the world.
         """
-        outer = dict(zip((*sensor.names, "camera"), swept.points.values(), strict=True))
+        outer = dict(zip((*sensor.names, "camera"), swept.points.values(), strict=True)) | {"refraction": point}
         return [self._row(sensor, shot, swept, outer, u, k) for k in range(len(self.places))]
 
     def _row(self, sensor: Sensor, shot: Shot, swept: Sweep, outer: dict[str, Any], u: Sequence[Component], k: int) -> Vec2:
@@ -59,6 +60,8 @@ class Nuisance(eqx.Module):
                 changed = put(sensor, [place], [self.mean[k] + self.scale[k] * value])
                 if place.link == "camera":
                     return changed.camera_at(shot).pixel(outer["camera"])
+                if place.link == "refraction":
+                    return apparent(changed, shot, outer["refraction"])
                 return changed[place.link].pose(shot).into(outer[place.link])
 
             value = jnp.asarray(u[k])

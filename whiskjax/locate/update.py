@@ -1,7 +1,7 @@
 """The algebra of one measurement: a pair of numbers corrects a state of any length, on components.
 
-The state is a tuple, its covariance the upper triangle of a symmetric matrix as rows of a full one, whose entries may be structural
-zeros (the cross-covariance of a state that nothing links): they cost nothing.
+The state is a tuple, its covariance the rows of a symmetric matrix. Residual, derivatives and noise may be in any unit, the same
+for all three.
 """
 
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ Rows = tuple[Sequence[Component], Sequence[Component]]
 
 
 class Innovation(NamedTuple):
-    """Measured minus predicted in px, its covariance (s00, s01, s11) and the normalised square, chi-square with 2 freedoms."""
+    """Measured minus predicted, its covariance (s00, s01, s11), and its normalised square: chi-square with 2 freedoms."""
 
-    residual_px: Vec2
-    covariance_px2: Vec3
+    residual: Vec2
+    covariance: Vec3
     nis: Component
 
 
@@ -38,12 +38,12 @@ def innovate(residual: Vec2, crossed: Rows, rows: Rows, noise: Vec3) -> Innovati
     return Innovation(residual, (s00, s01, s11), nis)
 
 
-def gain(crossed: Rows, covariance_px2: Vec3, share: Sequence[Component]) -> Rows:
+def gain(crossed: Rows, s: Vec3, share: Sequence[Component]) -> Rows:
     """K = P H^T S^-1 (paper 003, equation 16), each row times its share: 0 for what is only considered or for a look left out.
 
     Divided entry by entry: XLA on the CPU keeps a quotient, but computes a product again wherever it is used.
     """
-    s00, s01, s11 = covariance_px2
+    s00, s01, s11 = s
     determinant = s00 * s11 - s01 * s01
     pairs = [
         (mul(w, (a * s11 - b * s01) / determinant), mul(w, (b * s00 - a * s01) / determinant))
@@ -58,13 +58,13 @@ def corrected(state: State, k: Rows, residual: Vec2) -> State:
     return tuple(add(x, add(mul(a, residual[0]), mul(b, residual[1]))) for x, a, b in zip(state, *k, strict=True))
 
 
-def joseph(covariance: Covariance, k: Rows, crossed: Rows, covariance_px2: Vec3) -> Covariance:
+def joseph(covariance: Covariance, k: Rows, crossed: Rows, s: Vec3) -> Covariance:
     """(I - K H) P (I - K H)^T + K R K^T (paper 003, equation 18), valid for every gain.
 
-    With C = P H^T and S = H P H^T + R that is P - K C^T - (C - K S) K^T: nothing but products with two columns. The bracket vanishes
-    for the optimal gain, and is what makes the form valid for any other.
+    With C = P H^T and S = H P H^T + R that is P - K C^T - (C - K S) K^T: nothing but products with two columns. The bracket
+    vanishes for the optimal gain, and is what makes the form valid for any other.
     """
-    s00, s01, s11 = covariance_px2
+    s00, s01, s11 = s
     left = [
         (sub(cx, add(mul(a, s00), mul(b, s01))), sub(cy, add(mul(a, s01), mul(b, s11))))
         for a, b, cx, cy in zip(*k, *crossed, strict=True)
