@@ -11,7 +11,7 @@ from hypothesis import given
 from tests.derivatives import assert_derivatives
 from tests.oracles import about, matrix
 from tests.strategies import numbers
-from whiskjax.algebra.angles import ELEMENTARY, rx, sincos
+from whiskjax.algebra.angles import ELEMENTARY, Angle, rx, sincos
 from whiskjax.algebra.vectors import IDENTITY, matmul
 
 CLAIMED = 3e-16  # the docstring of sincos, absolute, for |angle| < 1e5 rad
@@ -110,3 +110,25 @@ def test_a_rotated_point_costs_four_multiplications_a_turn():
         return matmul(rows, ((x,), (y,), (z,)))
 
     assert multiplications(into, 0.1, 1.0, 2.0, 3.0) == 4
+
+
+def test_an_angle_known_by_its_sine_and_cosine_stands_for_the_angle():
+    x = np.linspace(-7, 7, 23)
+    angle = Angle.of(x)
+    np.testing.assert_allclose([angle.sine, angle.cosine], [np.sin(x), np.cos(x)], rtol=0, atol=4e-16)
+    assert sincos(angle) == (angle.sine, angle.cosine)
+    for axis in "xyz":
+        np.testing.assert_array_equal(matrix(ELEMENTARY[axis](angle)), matrix(ELEMENTARY[axis](x)))
+
+
+def test_the_structural_zero_is_its_own_angle():
+    assert Angle.of(0) == 0 and isinstance(Angle.of(0), int)
+    assert isinstance(Angle.of(np.float64(0.0)), Angle), "a zero that was measured is a number like any other"
+
+
+def test_an_angle_passes_through_jit_and_derivatives():
+    x = np.array([0.3, -2.0])
+    angle = jax.jit(Angle.of)(x)
+    np.testing.assert_array_equal(angle.sine, Angle.of(x).sine)
+    slope = jax.jvp(lambda a: Angle.of(a).sine, (x,), (np.ones(2),))[1]
+    np.testing.assert_allclose(slope, np.cos(x), rtol=0, atol=4e-16)

@@ -2,9 +2,12 @@
 
 import csv
 
+import jax
+import numpy as np
 import pytest
 
 from whiskjax.files.read import read_flight
+from whiskjax.flights import tianshan, tianshan_flight
 
 
 def contents(folder):
@@ -44,6 +47,23 @@ def test_truth_is_in_the_units_of_its_column(flight):
         truth = {row["name"]: (float(row["value"]), row["unit"]) for row in csv.DictReader(file)}
     assert truth["omega_pos_left"] == (pytest.approx(2.7263512, abs=1e-12), "deg")
     assert truth["w_sen"] == (-2.0103571, "m")
+
+
+def test_tianshan_is_the_flight_of_its_seed_and_path(whiskjax, tmp_path):
+    words = ["simulate", "tianshan", "--seed", 3, "--path", "fly", "--looks", 5, "--out", tmp_path / "f"]
+    result = whiskjax(*words)
+    assert result.exit_code == 0 and "5 looks at the point target" in result.stdout
+    flight, made = read_flight(tmp_path / "f"), tianshan_flight.simulate(3, tianshan.Scene(path="fly", looks=5))
+    assert flight.name == made.name and "fly" in flight.name
+    np.testing.assert_array_equal(flight.measurements.sample_px, made.measurements.sample_px)
+    assert jax.tree.leaves(list(flight.noise)) == jax.tree.leaves(list(made.noise))
+    assert whiskjax(*words).exit_code == 1 and whiskjax(*words, "--force").exit_code == 0
+
+
+@pytest.mark.parametrize("words", [["--looks", 1], ["--path", "loop"], ["--seed", -1]])
+def test_wrong_words_for_tianshan(whiskjax, tmp_path, words):
+    assert whiskjax("simulate", "tianshan", "--seed", 3, "--out", tmp_path / "f", *words).exit_code == 2
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("words", [[], ["haian"], ["haian", "--seed", "1"], ["haian", "--seed", "-1", "--out", "x"], ["mars"]])

@@ -11,6 +11,7 @@ import pytest
 import whiskjax as wj
 from tests import oracles
 from whiskjax.algebra.vectors import stack
+from whiskjax.chain.bake import ready
 from whiskjax.chain.imaging import image, sight
 from whiskjax.chain.link import Given
 
@@ -106,3 +107,36 @@ def test_the_doors_take_a_baked_sensor():
     sensor, shots = wj.bake(SENSOR, SHOTS, ("scan",))
     got = wj.project(sensor, shots, oracles.array(POINTS)).pixel_px
     np.testing.assert_allclose(got, wj.project(SENSOR, SHOTS, oracles.array(POINTS)).pixel_px, rtol=0, atol=1e-9)
+
+
+READY = [set(), {"body"}, {"scan"}, {"arm", "scan"}, set(SENSOR.names)]
+
+
+@pytest.mark.parametrize("free", READY, ids=lambda f: "+".join(sorted(f)) or "none")
+def test_a_sensor_made_ready_images_alike_and_keeps_all_frames(plain, free):
+    sensor, shots = ready(SENSOR, SHOTS, free)
+    assert sensor.names == SENSOR.names and sensor.camera is SENSOR.camera
+    assert {name for name, link in zip(sensor.names, sensor.links, strict=True) if not isinstance(link, Given)} == free
+    np.testing.assert_allclose(stack(image(sensor, shots, POINTS)), plain[0], rtol=0, atol=1e-9)
+    for got, expected in zip(sight(sensor, shots, PIXELS), plain[1], strict=True):
+        np.testing.assert_allclose(stack(got), expected, rtol=1e-12, atol=1e-9)
+    for name in SENSOR.names:
+        np.testing.assert_allclose(sensor.pose(shots, name).origin_m, SENSOR.pose(SHOTS, name).origin_m, rtol=0, atol=1e-9)
+
+
+def test_what_is_made_ready_is_batched_in_the_shots():
+    sensor, shots = ready(SENSOR, SHOTS, ("platform",))
+    one_by_one = jax.vmap(lambda shot, x, y, z: stack(image(sensor, shot, (x, y, z))))(
+        jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a), (N,)), shots), *POINTS
+    )
+    np.testing.assert_allclose(one_by_one, stack(image(SENSOR, SHOTS, POINTS)), rtol=0, atol=1e-9)
+
+
+def test_a_sensor_made_ready_asks_for_no_more_sines():
+    def sines(sensor, shots):
+        text = str(jax.make_jaxpr(lambda x, y, z: image(sensor, shots, (x, y, z)))(*POINTS))
+        return text.count("_polynomials")
+
+    turning = wj.Sensor({"body": BODY, "scan": SENSOR["scan"]}, SENSOR.camera)
+    assert sines(turning, SHOTS) > 0
+    assert sines(*ready(turning, SHOTS, ())) == 0

@@ -221,3 +221,35 @@ def test_derivatives_of_a_plane():
 
     x = np.array([1.0, -2.0, 100.0, 0.1, 0.2, -1.0, 0.5, 0.25, 3.0, *NORMAL])
     assert_derivatives(f, x, step=[1.0] * 3 + [1e-3] * 3 + [1.0] * 3 + [1e-3] * 3, tolerance=1e-8)
+
+
+@given(latitudes(), longitudes(), numbers(-400, 9000))
+def test_level_is_east_north_and_up_of_proj(lat, lon, height):
+    axes = oracles.matrix(wj.HeightSurface(0.0).level(oracles.split(oracles.ecef(lat, lon, height))))
+    inside = np.abs(lat) < np.pi / 2 - 1e-6  # at a pole east is what the longitude says, and a point has none
+    north, east, down = np.moveaxis(oracles.ecef_from_ned(lat, lon).as_matrix(), -1, 0)
+    # PROJ's point is good to 2e-9 m, which turns the horizontal axes beside a pole.
+    atol = 1e-15 + 3e-9 / (6.3e6 * np.cos(lat[inside]))[:, None, None] + 4e-15
+    error = np.abs(axes - np.stack([east, north, -down], axis=-1))[inside]
+    assert (error <= atol).all()
+    np.testing.assert_allclose(np.swapaxes(axes, 1, 2) @ axes, np.broadcast_to(np.eye(3), axes.shape), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(axes), 1, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_level_of_a_plane_is_its_normal_upwards_and_the_y_axis_laid_into_it(sign):
+    axes = oracles.matrix(wj.Plane(np.zeros(3), sign * NORMAL).level((1.0, 2.0, 3.0)))
+    up = NORMAL / np.linalg.norm(NORMAL)
+    north = np.array([0.0, 1, 0]) - up[1] * up
+    north = north / np.linalg.norm(north)
+    np.testing.assert_allclose(axes, np.stack([np.cross(north, up), north, up], axis=-1), rtol=0, atol=1e-15)
+    flat = oracles.matrix(wj.Plane(np.zeros(3), np.array([0.0, 0.0, 5.0])).level((0.0, 0.0, 0.0)))
+    np.testing.assert_array_equal(flat, np.eye(3))
+
+
+def test_derivatives_of_level():
+    def axes(point):
+        return jnp.concatenate([jnp.stack(row) for row in wj.HeightSurface(0.0).level(tuple(point))])
+
+    point = np.array([oracles.ecef(lat, lon, 500.0) for lat, lon in ((0.7, 1.2), (-1.3, 3.0), (0.0, -2.0))])
+    assert_derivatives(axes, point, step=1e3, tolerance=1e-11)

@@ -103,6 +103,10 @@ def _observed(name, sensor, images, image, line, world, height) -> wj.Flight:
             wj.Unknown("turn", f"{'arm' if line_camera else 'mount'}.angles_rad[1]", 0.001, np.radians(0.3)),
             wj.Unknown("other", "camera.fore.focal_px" if line_camera else "body.shift_m[1,2]", scale=2.0),
         ],
+        noise=[
+            wj.FrameNoise("body" if line_camera else "mount", np.radians([0.03, 0.0, 0.0801]), (0.1, 0.2, 0.0)),
+            wj.FrameNoise("scan" if line_camera else "body", shift_sigma_m=(0.0, 0.0, 0.3)),
+        ],
         world=world,
         epoch="2024-05-01T00:00:00Z",
         reference_point="antenna",

@@ -128,6 +128,26 @@ TOML = {
         ("[pos]", "[refraction]\npressure = 1.0\n\n[pos]"),
         ("flight.toml: refraction.pressure", "expected here: scale, wavelength_um"),
     ),
+    "noise of no frame": (
+        ("[pos]", '[[noise]]\nframe = "bdoy"\nshift_sigma_m = [1.0, 1.0, 1.0]\n\n[pos]'),
+        ("flight.toml: noise[0].frame", "no frame 'bdoy'", "did you mean 'body'", "the chain has body, flu"),
+    ),
+    "negative noise": (
+        ("[pos]", '[[noise]]\nframe = "body"\nturn_sigma_deg = [0.1, -0.1, 0.1]\n\n[pos]'),
+        ("flight.toml: noise[0] (frame 'body').turn_sigma_deg[1]", "greater than or equal to 0", "-0.1"),
+    ),
+    "noise of two axes": (
+        ("[pos]", '[[noise]]\nframe = "body"\nturn_sigma_deg = [0.1, 0.1]\n\n[pos]'),
+        ("noise[0] (frame 'body').turn_sigma_deg", "a list of 3 is expected"),
+    ),
+    "noise without a sigma": (
+        ("[pos]", '[[noise]]\nframe = "body"\n\n[pos]'),
+        ("noise[0] (frame 'body')", "turn_sigma_deg, shift_sigma_m or both"),
+    ),
+    "key of [[noise]]": (
+        ("[pos]", '[[noise]]\nframe = "body"\nsigma_m = 1.0\n\n[pos]'),
+        ("noise[0] (frame 'body').sigma_m", "expected here: frame, turn_sigma_deg, shift_sigma_m"),
+    ),
     "upside down": (("x -y -z", "x y z"), ("observations.csv, line 2 (image L1, point L1-01)", "behind the camera", "signs")),
 }
 

@@ -55,6 +55,11 @@ def test_the_rest_is_equal(pair):
     for field in ("name", "world", "epoch", "reference_point", "notes"):
         assert getattr(back, field) == getattr(flight, field)
     assert list(back.unknowns) == list(flight.unknowns)
+    assert [noise.frame for noise in back.noise] == [noise.frame for noise in flight.noise]
+    for a, b in zip(flight.noise, back.noise, strict=True):
+        # What is zero stays structural, and costs nothing.
+        assert jax.tree.structure(a) == jax.tree.structure(b)
+        assert jax.tree.leaves(a) == jax.tree.leaves(b)
     assert list(back.points.names) == list(flight.points.names)
     assert list(back.points.roles) == list(flight.points.roles)
     np.testing.assert_allclose(back.points.position_m, flight.points.position_m, rtol=0, atol=0 if name == "frames" else 6e-9)

@@ -57,6 +57,37 @@ def test_an_empty_folder_is_filled(frames, tmp_path):
     assert wj.read_flight(tmp_path / "empty").name == frames.name
 
 
+ALIGNED = {
+    "Records": (lambda: {"body": wj.Records(0.1, 0.2, 900.0)}, "link 'body': Records cannot .* use a Trajectory.from_geodetic"),
+    "Readings": (
+        lambda: {"scan": wj.Turn("x", wj.Readings(np.array([0.1, 0.2])))},
+        "link 'scan': Turn by Readings cannot .* use an Encoder",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ALIGNED)
+def test_what_has_no_times_is_refused(frames, tmp_path, case):
+    """And the message says what to use instead."""
+    links, message = ALIGNED[case]
+    odd = dataclasses.replace(frames, sensor=wj.Sensor(links(), wj.FrameCamera(1e3, jnp.zeros(2))))
+    with pytest.raises(wj.FlightError, match=message):
+        wj.write_flight(odd, tmp_path / "flight")
+
+
+NOISE = {
+    "each look": (wj.FrameNoise("body", (np.array([1e-3, 2e-3]), 0, 0)), "noise of 'body': a sigma for each look has no form"),
+    "no frame": (wj.FrameNoise("gimbal", (1e-3, 0, 0)), "no frame named 'gimbal'; there are body, mount"),
+}
+
+
+@pytest.mark.parametrize("case", NOISE)
+def test_noise_that_has_no_form_is_refused(frames, tmp_path, case):
+    noise, message = NOISE[case]
+    with pytest.raises(wj.FlightError, match=message):
+        wj.write_flight(dataclasses.replace(frames, noise=[noise]), tmp_path / "flight")
+
+
 def test_nothing_is_left_of_a_failure(frames, tmp_path, monkeypatch):
     """Neither half a new flight, nor a lost old one: on refusal, on a full disk, and when the last step fails."""
     odd = wj.Flight(**{**vars(frames), "sensor": wj.Sensor({"body": Given(0)}, wj.FrameCamera(1e3, jnp.zeros(2)))})

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from .calibrate import calibrate
+from .locate import locate
 from .reproduce import reproduce
 from .simulate import simulate
 
@@ -32,5 +33,6 @@ def _options(
 
 
 app.command()(calibrate)
+app.command()(locate)
 app.add_typer(simulate, name="simulate")
 app.add_typer(reproduce, name="reproduce")

@@ -12,11 +12,6 @@ from .start import start_jax
 simulate = typer.Typer(no_args_is_help=True, help="Write a simulated flight as a flight folder.")
 
 
-@simulate.callback()
-def _group() -> None:
-    """Keeps the flight's name a word of the command, now that there is only one flight."""
-
-
 class Order(StrEnum):
     """Which of the two turns comes first, counted from the platform."""
 
@@ -51,3 +46,35 @@ def haian(
         f"{flight.name}: {len(flight.images)} images, {len(flight.points.names)} points, {len(flight.measurements)} "
         f"observations, {len(flight.unknowns)} unknowns; {size / 1e6:.1f} MB in {out}"
     )
+
+
+class Way(StrEnum):
+    """How the aircraft flies past the target."""
+
+    orbit = "orbit"
+    race = "race"
+    fly = "fly"
+
+
+@simulate.command()
+@answers_failures
+def tianshan(
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random: the same seed is the same flight.")],
+    out: Annotated[Path, typer.Option(help="The folder to write.")],
+    path: Annotated[Way, typer.Option(help="Around the target, up and down a leg of 20 km, or straight past.")] = Way.orbit,
+    looks: Annotated[int, typer.Option(min=2, help="How many, 500 m and 3 s apart.")] = 40,
+    force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
+) -> None:
+    """A gimballed camera that looks at one target from 10 km and 45 deg off nadir (Liu et al. 2019).
+
+    The target is the check point "target", at its true position.
+    """
+    start_jax()
+    from ..files.write import write_flight
+    from ..flights.tianshan import Scene
+    from ..flights.tianshan_flight import TARGET
+    from ..flights.tianshan_flight import simulate as simulated
+
+    flight = simulated(seed, Scene(path=path.value, looks=looks))
+    write_flight(flight, out, overwrite=force)
+    typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {TARGET}, in {out}")

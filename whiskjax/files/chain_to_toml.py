@@ -15,6 +15,7 @@ from ..chain.line_camera import LineCamera, LookTable
 from ..chain.link import AbstractLink, Fixed
 from ..chain.mounts import Axes, Mount
 from ..chain.process import Process
+from ..chain.records import Records
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
@@ -90,7 +91,7 @@ def max_gap_s(sensor: Sensor) -> float | None:
         if isinstance(link, By):
             return next((g for option in link.options if (g := first(option)) is not None), None)
         if isinstance(link, Turn):
-            return link.encoder.max_gap_s
+            return link.encoder.max_gap_s if isinstance(link.encoder, Encoder) else None
         return link.max_gap_s if isinstance(link, Trajectory) else None
 
     return next((g for link in sensor.links if (g := first(link)) is not None), None)
@@ -128,7 +129,7 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
         return {"link": "axes", "axes": link.axes}
     if isinstance(link, Fixed):
         return {"link": "rotation", "matrix": [[float(v) for v in row] for row in link.rotation]}
-    if isinstance(link, Turn):
+    if isinstance(link, Turn) and isinstance(link.encoder, Encoder):
         file, column = tables.add_encoder(link.encoder, label)
         return _given(
             link="turn",
@@ -149,6 +150,10 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
     if isinstance(link, By):
         options = {n: _link(o, f"{label}_{_word(n)}", flight, tables, gap) for n, o in zip(link.names, link.options, strict=True)}
         return {"link": "by", "key": link.key, "options": options}
+    if isinstance(link, Records | Turn):
+        # Aligned with the shots of some call, they hold no times to find them by.
+        kind, timed = ("Turn by Readings", "an Encoder") if isinstance(link, Turn) else ("Records", "a Trajectory.from_geodetic")
+        raise FlightError(f"link {label!r}: {kind} cannot be written: a folder finds angles and poses by time; use {timed}")
     raise FlightError(f"link {label!r} is a {type(link).__name__}, which has no form in a flight folder")
 
 

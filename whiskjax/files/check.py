@@ -142,12 +142,12 @@ def _recorded(link: Any, shot: Shot) -> str:
     if isinstance(link, By):
         key = int(getattr(shot, link.key))
         return f".{link.names[key]}{_recorded(link.options[key], shot)}" if 0 <= key < len(link.names) else ""
-    knots = link.encoder.knots if isinstance(link, Turn) else getattr(link, "knots", None)
+    timed: Any = link.encoder if isinstance(link, Turn) else link
+    knots = getattr(timed, "knots", None)
     if knots is None:
         return ""
     time = np.asarray(knots.time_s)
     i = int(np.searchsorted(time, float(shot.time_s) + float(link.delay_s)))  # pyright: ignore[reportArgumentType]
     if not 0 < i < len(time):
         return f" was recorded from {time[0]:.6f} to {time[-1]:.6f} s"
-    gap = link.encoder.max_gap_s if isinstance(link, Turn) else link.max_gap_s
-    return f" has samples at {time[i - 1]:.6f} and {time[i]:.6f} s and none between; max_gap_s is {gap:g}"
+    return f" has samples at {time[i - 1]:.6f} and {time[i]:.6f} s and none between; max_gap_s is {timed.max_gap_s:g}"

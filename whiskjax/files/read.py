@@ -9,6 +9,7 @@ from .check import check_flight
 from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
+from .noise import noise_from_toml
 from .unknowns import unknowns_from_toml
 
 
@@ -46,6 +47,7 @@ def read_flight(folder: str | Path) -> Flight:
         points=points,
         measurements=measurements,
         unknowns=unknowns_from_toml(toml.unknown, sensor, source.first_centre),
+        noise=noise_from_toml(toml.noise, sensor),
         world=world,
         epoch=toml.epoch,
         reference_point=toml.pos.reference_point,

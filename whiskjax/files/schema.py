@@ -16,6 +16,7 @@ Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 Five = Annotated[list[float], Field(min_length=5, max_length=5)]
 Positive = Annotated[float, Field(gt=0)]
+Sigmas = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
 Sign = Literal[1, -1]
 Key = Literal["image", "swing", "view", "strip"]
 
@@ -254,6 +255,20 @@ class UnknownTable(Model):
         return self
 
 
+class NoiseTable(Model):
+    """[[noise]]: how well the recorded pose of a frame is known at each look."""
+
+    frame: str
+    turn_sigma_deg: Sigmas | None = None
+    shift_sigma_m: Sigmas | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _has_a_sigma(self) -> "NoiseTable":
+        if self.turn_sigma_deg is None and self.shift_sigma_m is None:
+            raise ValueError("turn_sigma_deg, shift_sigma_m or both are expected: three sigmas each, about or along x, y, z")
+        return self
+
+
 class FlightTable(Model):
     """The whole of flight.toml."""
 
@@ -268,6 +283,7 @@ class FlightTable(Model):
     camera: AnyCamera
     refraction: RefractionTable | None = None
     unknown: list[UnknownTable] = Field(default_factory=list)
+    noise: list[NoiseTable] = Field(default_factory=list)
 
 
 ByLink.model_rebuild()
@@ -291,6 +307,7 @@ TABLES = {
     "pos": PosTable,
     "refraction": RefractionTable,
     "unknown": UnknownTable,
+    "noise": NoiseTable,
     "encoder": EncoderColumn,
     "basis": Basis,
 }

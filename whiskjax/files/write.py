@@ -15,6 +15,7 @@ from .images import LINES
 from .measured import OBSERVATIONS, POINTS, SIGMAS
 from .names import listed
 from .navigation import position_texts
+from .noise import noise_to_toml
 from .source import IMAGES
 from .tables import exact, table_text, texts
 from .toml_text import toml_text
@@ -104,11 +105,13 @@ def flight_files(flight: Flight) -> dict[str, str]:
         pos["max_gap_s"] = gap
     toml: dict[str, Any] = {"format": 1, "name": flight.name, "epoch": flight.epoch, "notes": flight.notes}
     toml = {key: value for key, value in toml.items() if value != ""} | {"world": world, "pixel": {"first_pixel_centre": 0.0}}
-    toml |= {"pos": pos, "chain": chain, "camera": camera, "unknown": [unknown_to_toml(u) for u in flight.unknowns]}
-    if not flight.unknowns:
-        del toml["unknown"]
-    if (refraction := refraction_to_toml(flight)) is not None:
-        toml["refraction"] = refraction
+    toml |= {"pos": pos, "chain": chain, "camera": camera}
+    optional = {
+        "unknown": [unknown_to_toml(u) for u in flight.unknowns] or None,
+        "noise": noise_to_toml(flight) or None,
+        "refraction": refraction_to_toml(flight),
+    }
+    toml |= {key: value for key, value in optional.items() if value is not None}
     return {NAME: toml_text(toml)} | tables.finished()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
@@ -15,6 +15,8 @@ from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown
+from ..locate.looks import Looks
+from ..locate.noise import FrameNoise
 from ..rules import FlightError
 
 ROLES = ("control", "check", "tie")
@@ -86,7 +88,10 @@ class Measurements:
 
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """Everything about a flight; `read_flight` and `write_flight` turn it from and into a folder."""
+    """Everything about a flight; `read_flight` and `write_flight` turn it from and into a folder.
+
+    `noise`: errors of the recorded poses that are new at every look, for `locate`.
+    """
 
     name: str
     sensor: Sensor
@@ -94,6 +99,7 @@ class Flight:
     points: Points
     measurements: Measurements
     unknowns: Sequence[Unknown] = ()
+    noise: Sequence[FrameNoise] = ()
     world: World = World()
     epoch: str = ""
     reference_point: str = ""
@@ -151,18 +157,36 @@ class Flight:
         """Measurements of control and check points, ready for `calibrate`; tie points, which have no coordinates, stay behind."""
         role = np.asarray(self.points.roles)[self.measurements.point]
         keep = np.flatnonzero(role != "tie")
-        m, image, point = self.measurements, self.measurements.image[keep], self.measurements.point[keep]
-        line, sample = m.line_px[keep], m.sample_px[keep]
+        image, point = self.measurements.image[keep], self.measurements.point[keep]
         return Observations(
-            self.shot(image, line),
+            self.shot(image, self.measurements.line_px[keep]),
             self.points.position_m[point],
-            np.stack([sample, np.zeros_like(line) if self.is_line else line], axis=-1),
-            np.stack([m.sigma_sample_px[keep], m.sigma_line_px[keep]], axis=-1),
+            *self._pixels(keep),
             role[keep] == "control",
             self.point_covariance_m2()[point],
             [self.images[int(i)].name for i in image],
             [self.points.names[int(i)] for i in point],
         )
+
+    def looks(self, points: Sequence[int]) -> tuple[Looks, Int[np.ndarray, " looks"]]:
+        """The measurements of some points (indices) as looks at one target, ready for `locate`.
+
+        **Returns:** the looks in the order of time, where images have times, and the index of the measurement behind each.
+
+        **Raises:** `WhiskjaxError` where there is none, or some of the images have a time and others none.
+        """
+        index = np.flatnonzero(np.isin(self.measurements.point, points))
+        time = self.shot(self.measurements.image[index], self.measurements.line_px[index]).time_s
+        if time is not None:
+            index = index[np.argsort(np.asarray(time), kind="stable")]
+        shot = self.shot(self.measurements.image[index], self.measurements.line_px[index])
+        return Looks(shot, *self._pixels(index)), index
+
+    def _pixels(self, index: np.ndarray) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Measured (sample, line offset) or (column, row), and their sigmas."""
+        m, line = self.measurements, self.measurements.line_px[index]
+        pixel = np.stack([m.sample_px[index], np.zeros_like(line) if self.is_line else line], axis=-1)
+        return pixel, np.stack([m.sigma_sample_px[index], m.sigma_line_px[index]], axis=-1)
 
     def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:
         """Covariance of the points' coordinates in the world frame, from their east, north, up sigmas."""

@@ -67,7 +67,8 @@ class Scene:
 
     **Arguments:**
 
-    - `path`: "orbit" at constant off-nadir angle, "race" along a 20 km leg folded back, "fly" straight and centred on broadside.
+    - `path`: "orbit" at constant off-nadir angle, "race" along a 20 km leg that is flown to and fro with the target always on the
+      right, "fly" straight and centred on broadside.
     - `off_nadir_rad`: at the platform; on straight paths at broadside.
     - `height_m`: of the platform, ellipsoidal.
     """
@@ -141,10 +142,9 @@ def _way(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     leg = round(LEG_M / scene.spacing_m)
     along = {"race": leg - np.abs(k % (2 * leg) - leg) - leg / 2, "fly": k - (scene.looks - 1) / 2}[scene.path] * step
     course = AZIMUTH_RAD - np.pi / 2
-    back = (k // leg) % 2 if scene.path == "race" else 0 * k
     north = -away * np.cos(AZIMUTH_RAD) + along * np.cos(course)
     east = -away * np.sin(AZIMUTH_RAD) + along * np.sin(course)
-    return north, east, course + np.pi * back
+    return north, east, np.full(scene.looks, course)
 
 
 def true_records(scene: Scene) -> Recorded:

@@ -2,13 +2,14 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..algebra.vectors import add, mul, stack
+from ..algebra.vectors import mul
 from .filter import Belief
-from .model import Model
+from .model import Expected, Model
 
 # The gate closes in rounds, so that looks that bend the first solution do not take good ones with them.
 _GATES = (64.0, 16.0, 4.0, 1.0)
@@ -105,23 +106,34 @@ def equations(
     model: Model, information: Float[Array, "n n"], state: Float[Array, " n"], used: Bool[Array, " looks"]
 ) -> Equations:
     """Linearise all looks; `information` is that of the prior."""
-    parts = tuple(state[i] for i in range(len(state)))
-    if model.density is not None:
-        parts = (*(add(x, mul(v, model.since_s)) for x, v in zip(parts[:3], parts[3:6], strict=True)), *parts[3:])
-    seen = model.expect(parts)
-    rows = [list(row) for row in seen.rows]
-    if model.density is not None:
-        rows = [[*row[:3], *(mul(model.since_s, h) for h in row[:3]), *row[6:]] for row in rows]
-    r00, r01, r11 = seen.noise
-    w = jnp.where(seen.counts & used, 1 / (r00 * r11 - r01 * r01), 0.0)
-    shape = used.shape
-    weight = _pairs((r11 * w, -r01 * w, r00 * w), shape)
-    matrix = jnp.stack([jnp.stack([jnp.broadcast_to(jnp.asarray(h, dtype=float), shape) for h in row], -1) for row in rows], -2)
-    data = jnp.einsum("kan,kab,kbm->nm", matrix, weight, matrix)
+    seen = _one_by_one(model, state)
+    residual, rows, noise = (jnp.stack(seen.residual, -1), _stacked(seen.rows), _pairs(seen.noise))
+    weight = jnp.where((seen.counts & used)[:, None, None], _inverse(noise), 0.0)
+    data = jnp.einsum("kan,kab,kbm->nm", rows, weight, rows)
     share = jnp.asarray(model.share, dtype=float)
     both = jnp.outer(share, share)
     formal = jnp.linalg.inv((data + information) * both + jnp.diag(1 - share)) * both
-    return Equations(stack(seen.residual), matrix, _pairs(seen.noise, shape), weight, seen.counts, data, formal)
+    return Equations(residual, rows, noise, weight, seen.counts, data, formal)
+
+
+def _one_by_one(model: Model, state: Float[Array, " n"]) -> Expected:
+    """Every look beside a state of the last look, components (looks,).
+
+    In a loop: stacked into a matrix, XLA on the CPU would evaluate the chain again for each of its entries.
+    """
+    own, shared = model.split()
+
+    def one(_: None, own: Model) -> tuple[None, Expected]:
+        look = eqx.combine(own, shared)
+        parts, since = tuple(state[i] for i in range(len(state))), look.since_s
+        if since is not None:
+            parts = (*(x + since * v for x, v in zip(parts[:3], parts[3:6], strict=True)), *parts[3:])
+        seen = look.expect(parts)
+        if since is not None:
+            seen = seen._replace(rows=tuple((*row[:3], *(mul(since, h) for h in row[:3]), *row[6:]) for row in seen.rows))
+        return None, jax.tree.map(lambda c: jnp.asarray(c, dtype=c.dtype if eqx.is_array(c) else float), seen)
+
+    return jax.lax.scan(one, None, own)[1]
 
 
 def considered(found: Equations, estimated: Float[Array, " n"]) -> Float[Array, "n n"]:
@@ -140,15 +152,22 @@ def _residual_covariance(
 
 
 def _nis(found: Equations, covariance: Float[Array, "looks 2 2"]) -> Float[Array, " looks"]:
-    s00, s01, s11 = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    x, y = found.residual[:, 0], found.residual[:, 1]
-    return (s11 * x * x - 2 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01)
+    return jnp.einsum("ka,kab,kb->k", found.residual, _inverse(covariance), found.residual)
 
 
-def _pairs(upper: tuple[Any, ...], shape: tuple[int, ...]) -> Float[Array, "looks 2 2"]:
-    a, b, c = (jnp.broadcast_to(jnp.asarray(v, dtype=float), shape) for v in upper)
+def _inverse(pairs: Float[Array, "looks 2 2"]) -> Float[Array, "looks 2 2"]:
+    a, b, c = pairs[:, 0, 0], pairs[:, 0, 1], pairs[:, 1, 1]
+    return _pairs((c, -b, a)) / (a * c - b * b)[:, None, None]
+
+
+def _pairs(upper: tuple[Array, ...]) -> Float[Array, "looks 2 2"]:
+    a, b, c = upper
     return jnp.stack([jnp.stack([a, b], -1), jnp.stack([b, c], -1)], -2)
 
 
+def _stacked(rows: tuple[tuple[Array, ...], ...]) -> Float[Array, "... n"]:
+    return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+
+
 def _matrix(rows: tuple[tuple[Any, ...], ...]) -> Float[Array, "n n"]:
-    return jnp.stack([jnp.stack([jnp.asarray(c, dtype=float) for c in row]) for row in rows])
+    return _stacked(tuple(tuple(jnp.asarray(c, dtype=float) for c in row) for row in rows))

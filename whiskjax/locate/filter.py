@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from ..algebra.vectors import Component, dot, mul, sub
 from .model import Expected, Model
@@ -60,35 +61,52 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
 
 def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
     """One look. One that does not count has no residual and no derivatives, and so changes nothing."""
-    state, covariance = prior
-    seen, crossed, innovation = _linearise(look, prior, state)
-    predicted, share, passes = innovation, look.share, True
-    if gate_nis is not None:
-        passes = innovation.nis <= gate_nis
-        share = tuple(mul(s, jnp.where(passes, 1.0, 0.0)) for s in share)
 
-    def improve(seen: Expected, crossed: Rows, innovation: Innovation, state: State) -> tuple[State, Rows]:
-        k = gain(crossed, innovation.covariance, share)
-        # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
-        way = tuple(sub(a, b) for a, b in zip(prior.state, state, strict=True))
-        back = tuple(sub(r, dot(h, way)) for r, h in zip(seen.residual, seen.rows, strict=True))
-        return corrected(prior.state, k, back if iterations else seen.residual), k
+    def relinearise(i: Any, last: _Pass) -> _Pass:
+        linear = _linearise(look, prior, last.state)
+        predicted = jax.tree.map(lambda new, old: jnp.where(i == 0, new, old), linear.innovation, last.predicted)
+        residual, share = linear.seen.residual, look.share
+        if iterations:
+            # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
+            way = tuple(sub(a, b) for a, b in zip(prior.state, last.state, strict=True))
+            residual = tuple(sub(r, dot(h, way)) for r, h in zip(residual, linear.seen.rows, strict=True))
+        passes = jnp.ones((), dtype=bool) if gate_nis is None else predicted.nis <= gate_nis
+        if gate_nis is not None:
+            share = tuple(mul(s, jnp.where(passes, 1.0, 0.0)) for s in share)
+        k = gain(linear.crossed, linear.innovation.covariance, share)
+        return _Pass(corrected(prior.state, k, residual), k, linear, predicted, passes)
 
-    def again(_: Any, state: State) -> State:
-        return improve(*_linearise(look, prior, state), state)[0]
-
-    if iterations:
-        state, _ = improve(seen, crossed, innovation, state)
-        state = jax.lax.fori_loop(0, iterations - 1, again, state)
-        seen, crossed, innovation = _linearise(look, prior, state)
-    state, k = improve(seen, crossed, innovation, state)
-    return Step(Belief(state, joseph(covariance, k, crossed, innovation.covariance)), predicted, seen.counts, passes)
+    shapes = jax.eval_shape(lambda: _linearise(look, prior, prior.state))
+    nothing: _Linear = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    start = _Pass(prior.state, nothing.crossed, nothing, nothing.innovation, jnp.ones((), dtype=bool))
+    last = jax.lax.fori_loop(0, iterations + 1, relinearise, start) if iterations else relinearise(0, start)
+    covariance = joseph(prior.covariance, last.gain, last.linear.crossed, last.linear.innovation.covariance)
+    return Step(Belief(last.state, covariance), last.predicted, last.linear.seen.counts, last.passes)
 
 
-def _linearise(look: Model, prior: Belief, state: State) -> tuple[Expected, Rows, Innovation]:
+class _Linear(NamedTuple):
+    """A look, linearised at a state: beside the look, the prior covariance seen by it, and the innovation."""
+
+    seen: Expected
+    crossed: Rows
+    innovation: Innovation
+
+
+class _Pass(NamedTuple):
+    """What one linearisation of a look gives; `predicted` is the innovation of the first."""
+
+    state: State
+    gain: Rows
+    linear: _Linear
+    predicted: Innovation
+    passes: Bool[Array, ""]
+
+
+def _linearise(look: Model, prior: Belief, state: State) -> _Linear:
     seen = look.expect(state)
     crossed = seen_by(prior.covariance, seen.rows)
-    return seen, crossed, innovate(seen.residual, crossed, seen.rows, seen.noise)
+    linear = _Linear(seen, crossed, innovate(seen.residual, crossed, seen.rows, seen.noise))
+    return jax.tree.map(jnp.asarray, linear)
 
 
 def _upper(covariance: Covariance) -> tuple[Component, ...]:

@@ -1,0 +1,358 @@
+"""`whiskjax locate`: one target from all the looks at it, and how far to trust the answer."""
+
+import fnmatch
+import json
+import shlex
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..rules import FlightError
+from .failure import NOT_SOUND, answers_failures
+from .output import refuse_place, whole_folder
+from .start import start_jax
+
+if TYPE_CHECKING:
+    from ..earth.surface import AbstractSurface
+    from ..estimate.unknown import Unknown
+    from ..flights.flight import Flight
+    from ..locate.guess import Guess
+    from ..locate.looks import Looks
+    from ..show.location.target_sighting import Sighting
+    from ..show.style import Drawing
+    from ..show.summary import Summary
+
+_MAPS = ("target.geojson", "target.kml")
+_OURS = (
+    "results.json",
+    "report.html",
+    "looks.csv",
+    "error_ellipse.png",
+    "convergence.png",
+    "innovations.png",
+    *_MAPS,
+)
+_SIGMA_UP_M = 1500.0  # of the first guess (paper 003, equation 19) ...
+_SHARE_OF_HEIGHT = 1 / 3  # ... or of the platform's height above it, if that is less
+_LEAST_SLANT = 0.2
+
+
+class Method(StrEnum):
+    """How the looks are put together."""
+
+    extended = "extended"
+    iterated = "iterated"
+    batch = "batch"
+
+
+@answers_failures
+def locate(
+    flight: Annotated[Path, typer.Argument(help="The flight folder (flight.toml and its tables).", show_default=False)],
+    target: Annotated[
+        str,
+        typer.Option(
+            help="The point of points.csv whose measurements are the looks. Several, with commas or as a shell pattern "
+            "('centre-1?,centre-20'), stand for one target, whose given position is their mean."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
+    height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height (m, ellipsoidal) where the first look is cut for a guess; if not given, the mean of the control points."
+        ),
+    ] = None,
+    sigma_enu: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="1-sigma of the first guess: east, north, up (m); if not given, from how slant the first look is."),
+    ] = None,
+    method: Annotated[Method, typer.Option(help="A filter over the looks, or all at once.")] = Method.iterated,
+    gate: Annotated[
+        float | None, typer.Option(help="Leave out looks that chance explains less often than this, as 0.001.")
+    ] = None,
+    estimate: Annotated[
+        list[str] | None, typer.Option(help="An unknown of the flight to estimate with the target: name, pattern or 'all'.")
+    ] = None,
+    consider: Annotated[
+        list[str] | None, typer.Option(help="One that is not estimated, but whose prior sigma counts: likewise.")
+    ] = None,
+) -> None:
+    """Locate one target from all the looks at it, without a range finder.
+
+    Prints the position with its accuracy, the test of the looks, and a verdict. Writes results.json, report.html, looks.csv, PNG
+    figures, and, of a flight in ECEF, target.geojson and target.kml.
+    """
+    refuse_place(out, flight)
+    start_jax()
+    from .stages import Stages
+
+    with Stages("read", "compile and locate", "draw and write") as stages:
+        stages.enter("read")
+        from ..files.read import read_flight
+
+        found = read_flight(flight)
+        points = _points(found, target)
+        estimated, considered = _unknowns(found, estimate, "--estimate"), _unknowns(found, consider, "--consider")
+        if both := [x.name for x in estimated if x in considered]:
+            raise FlightError(f"{', '.join(both)}: an unknown is estimated or considered, not both")
+        stages.enter("compile and locate")
+        sighting = _locate(found, target, points, height, sigma_enu, method, gate, estimated, considered)
+        stages.enter("draw and write")
+        from ..show.location.target_charts import draw_charts
+        from ..show.location.target_summary import summarise
+
+        summary = summarise(sighting, _command(flight, target, out, height, sigma_enu, method, gate, estimate, consider))
+        drawings = draw_charts(sighting)
+        with whole_folder(out, _OURS) as folder:
+            _write(folder, sighting, summary, drawings)
+    _print(summary, out)
+    raise typer.Exit(0 if sighting.location.is_sound else NOT_SOUND)
+
+
+def _points(flight: "Flight", target: str) -> list[int]:
+    """Indices of the points that the target's name, or its comma-separated names and patterns, mean."""
+    from ..files.names import listed, meant
+
+    names = list(flight.points.names)
+    chosen = [target] if target in names else [word.strip() for word in target.split(",")]
+    found: dict[int, None] = {}
+    for word in chosen:
+        fitting = [i for i, name in enumerate(names) if name == word] or [
+            i for i, name in enumerate(names) if fnmatch.fnmatchcase(name, word)
+        ]
+        if not fitting:
+            raise FlightError(f"--target: no point {word!r}{meant(word, names)}; points.csv has {listed(names)}")
+        found |= dict.fromkeys(fitting)
+    measured = set(flight.measurements.point.tolist())
+    if not measured & set(found):
+        raise FlightError(f"--target: observations.csv has no measurement of {target!r}: nobody looked at it")
+    return list(found)
+
+
+def _unknowns(flight: "Flight", patterns: list[str] | None, option: str) -> list["Unknown"]:
+    """The flight's unknowns that names, patterns or "all" mean, in the order of the flight."""
+    from ..files.names import listed, meant
+
+    names = [x.name for x in flight.unknowns]
+    chosen: set[str] = set()
+    for pattern in patterns or ():
+        fitting = names if pattern == "all" else fnmatch.filter(names, pattern)
+        if not fitting:
+            known = f"flight.toml has {listed(names)}" if names else "flight.toml has no [[unknown]]"
+            raise FlightError(f"{option}: no unknown {pattern!r}{meant(pattern, names)}; {known}")
+        chosen |= set(fitting)
+    return [x for x in flight.unknowns if x.name in chosen]
+
+
+def _locate(
+    flight: "Flight",
+    target: str,
+    points: list[int],
+    height: float | None,
+    sigma_enu: tuple[float, float, float] | None,
+    method: Method,
+    gate: float | None,
+    estimated: list["Unknown"],
+    considered: list["Unknown"],
+) -> "Sighting":
+    import numpy as np
+
+    from ..locate.locate import locate as solve
+    from ..show.location.target_sighting import Sighting
+
+    looks, measurement = flight.looks(points)
+    remarks = []
+    if (np.diff(measurement) < 0).any():
+        remarks.append("the looks were not in the order of time in observations.csv; they were sorted")
+    if height is None:
+        height = _control_height(flight, points)
+        remarks.append(f"the first look was cut at the mean height of the control points, {height:.1f} m (--height sets another)")
+    surface = _surface(flight, height)
+    guess, said = _guess(flight, looks, surface, sigma_enu)
+    remarks += said
+    location = solve(
+        flight.sensor,
+        looks,
+        guess=guess,
+        surface=surface,
+        noise=flight.noise,
+        method=method.value,
+        estimate=estimated,
+        consider=considered,
+        gate=gate,
+        throw=False,
+    )
+    return Sighting(
+        flight=flight,
+        target=target,
+        points=points,
+        looks=looks,
+        measurement=measurement,
+        location=location,
+        guess=guess,
+        surface_height_m=height,
+        method=method.value,
+        gate=gate,
+        unknowns=[*estimated, *considered],
+        estimated=len(estimated),
+        remarks=remarks,
+    )
+
+
+def _control_height(flight: "Flight", points: Sequence[int]) -> float:
+    """Mean height of the control points other than the target's own."""
+    import jax
+    import numpy as np
+
+    from ..earth.ellipsoid import ecef_to_geodetic
+
+    control = [i for i, role in enumerate(flight.points.roles) if role == "control" and i not in points]
+    if not control:
+        raise FlightError(
+            "--height is needed: the flight has no control points, beside the target, whose mean height could stand for the "
+            "target's; give the ellipsoidal height in metres at which the first look is to be cut for a first guess: --height 500"
+        )
+    position = np.asarray(flight.points.position_m)[control]
+    if flight.world.kind == "local":
+        return float(position[:, 2].mean())
+    return float(np.asarray(jax.vmap(ecef_to_geodetic)(position)[2]).mean())
+
+
+def _surface(flight: "Flight", height: float) -> "AbstractSurface":
+    from ..earth.surface import HeightSurface, Plane
+
+    return Plane((0.0, 0.0, height), (0.0, 0.0, 1.0)) if flight.world.kind == "local" else HeightSurface(height)
+
+
+def _guess(
+    flight: "Flight", looks: "Looks", surface: "AbstractSurface", sigma_enu: tuple[float, float, float] | None
+) -> tuple["Guess", list[str]]:
+    """Where the first look meets the surface; without sigmas, those that follow from how slant it is, and a remark about them.
+
+    A height that is wrong by one sigma moves the place by that times the tangent of the angle between the ray and the vertical.
+    """
+    import numpy as np
+
+    from ..algebra.vectors import unstack
+    from ..locate.guess import Guess, first_guess
+
+    if sigma_enu is not None:
+        return first_guess(flight.sensor, looks, surface, np.array(sigma_enu)), []
+    guess = first_guess(flight.sensor, looks, surface, np.ones(3))
+    first = int(np.argmin(np.asarray(looks.is_missed)))
+    platform = [np.broadcast_to(np.asarray(c), len(looks))[first] for c in flight.sensor.pose(looks.shot).translation]
+    away = np.array(platform) - np.asarray(guess.point_m)
+    up = np.array([float(row[2]) for row in surface.level(unstack(guess.point_m))])
+    rise = float(abs(away @ up))
+    slant = float(np.linalg.norm(away - (away @ up) * up)) / rise
+    sigma_up = min(_SIGMA_UP_M, _SHARE_OF_HEIGHT * rise)
+    # Two digits are enough for what is known so badly.
+    across, sigma_up = (float(f"{s:.2g}") for s in (sigma_up * max(slant, _LEAST_SLANT), sigma_up))
+    angle = np.degrees(np.arctan(slant))
+    said = (
+        f"the first guess was given 1-sigmas of {across:g} m east and north and {sigma_up:g} m up, as its look is "
+        f"{angle:.0f} deg off the vertical (--sigma-enu sets others)"
+    )
+    return Guess.around(guess.point_m, np.array([across, across, sigma_up])), [said]
+
+
+def _command(
+    flight: Path,
+    target: str,
+    out: Path,
+    height: float | None,
+    sigma_enu: tuple[float, float, float] | None,
+    method: Method,
+    gate: float | None,
+    estimate: list[str] | None,
+    consider: list[str] | None,
+) -> str:
+    words = ["whiskjax", "locate", str(flight), "--target", target, "--out", str(out)]
+    words += ["--height", f"{height:g}"] if height is not None else []
+    words += ["--sigma-enu", *(f"{s:g}" for s in sigma_enu)] if sigma_enu is not None else []
+    words += ["--method", method.value] if method is not Method.iterated else []
+    words += ["--gate", f"{gate:g}"] if gate is not None else []
+    for option, names in (("--estimate", estimate), ("--consider", consider)):
+        for name in names or ():
+            words += [option, name]
+    return shlex.join(words)
+
+
+def _write(folder: Path, sighting: "Sighting", summary: "Summary", drawings: "list[Drawing]") -> None:
+    from ..show.location.target_page import make_report
+    from ..show.location.target_tables import write_looks
+
+    summary["maps"] = _write_maps(folder, sighting, summary)
+    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    write_looks(folder / "looks.csv", sighting)
+    for drawing in drawings:
+        drawing.write(folder)
+    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+
+
+def _write_maps(folder: Path, sighting: "Sighting", summary: "Summary") -> "Summary":
+    """GeoJSON and KML; the files that were written, or why there are none."""
+    import jax
+    import numpy as np
+
+    from ..earth.ellipsoid import ecef_to_geodetic
+    from ..files.located import LocatedTarget, write_geojson, write_kml
+    from ..show.location.target_summary import properties
+
+    if sighting.flight.world.kind == "local":
+        return {"written": [], "reason": "maps need latitude and longitude, and this flight lies in a local world"}
+    if not sighting.is_answered:
+        return {"written": [], "reason": "there is no answer to show"}
+    lat, lon, height = jax.vmap(ecef_to_geodetic)(sighting.platform_m)
+    located = LocatedTarget(
+        sighting.label,
+        **summary["position"],
+        covariance_enu_m2=summary["covariance_enu_m2"],
+        ce90_m=summary["accuracy"]["ce90_m"],
+        le90_m=summary["accuracy"]["le90_m"],
+        properties=properties(summary),
+        track=np.stack([np.degrees(np.asarray(lon)), np.degrees(np.asarray(lat)), np.asarray(height)], axis=-1),
+    )
+    write_geojson(folder / _MAPS[0], [located])
+    write_kml(folder / _MAPS[1], [located])
+    return {"written": list(_MAPS), "reason": ""}
+
+
+def _print(summary: "Summary", out: Path) -> None:
+    """Tables first, the verdict last: it is what stays in view."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..show.location.target_tables import all_tables
+    from ..show.tables import for_terminal
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=100)
+
+    def say(text: str, style: str = "") -> None:
+        console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
+
+    say(summary["flight"], "bold")
+    say(f"{summary['looks']['looks']} looks at {summary['label']}, method: {summary['method']}")
+    for remark in summary["remarks"]:
+        say(remark)
+    for table in all_tables(summary):
+        console.print()
+        console.print(for_terminal(table))
+    verdict = summary["verdict"]
+    console.print()
+    for warning in summary["warnings"]:
+        if warning not in verdict["reasons"]:
+            say(f"warning: {warning}", "yellow")
+    console.print()
+    say(f"This location is {verdict['word']}:", "bold green" if verdict["is_sound"] else "bold red")
+    for sentence in (*verdict["reasons"], *verdict["cautions"]):
+        say(f"  - {sentence}")
+    maps = summary["maps"]
+    written = f", {', '.join(maps['written'])}" if maps["written"] else f" (no map: {maps['reason']})"
+    say(f"Written to {out}: report.html, results.json, looks.csv, figures{written}")

@@ -1,0 +1,1 @@
+"""What is shown of target location: one target of a flight, and the study that repeats the paper."""
