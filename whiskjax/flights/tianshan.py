@@ -6,7 +6,7 @@ What the paper leaves out (focal length, path, spacing of looks) is chosen so th
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -55,10 +55,12 @@ class Errors(NamedTuple):
 
     def scaled(self, factor: float) -> "Errors":
         """All of them, times a factor."""
-        return Errors(tuple(factor * s for s in self.position_m), *(factor * s for s in self[1:]))
+        north, east, down = self.position_m
+        return Errors((factor * north, factor * east, factor * down), *(factor * s for s in self[1:]))
 
 
-TABLE_1 = Errors((10.0, 10.0, 20.0), *np.radians([0.08, 0.03, 0.03, 0.01, 0.01]).tolist(), PIXEL_SIGMA_PX)
+_YAW_RAD, _ROLL_PITCH_RAD, _GIMBAL_RAD = np.radians([0.08, 0.03, 0.01]).tolist()
+TABLE_1 = Errors((10.0, 10.0, 20.0), _YAW_RAD, _ROLL_PITCH_RAD, _ROLL_PITCH_RAD, _GIMBAL_RAD, _GIMBAL_RAD, PIXEL_SIGMA_PX)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +124,7 @@ def time_s(scene: Scene) -> Float[np.ndarray, " looks"]:
     return SPACING_S * np.arange(scene.looks)
 
 
-def _radii(lat_rad: float) -> tuple[float, float]:
+def curvature_radii(lat_rad: Any) -> tuple[Any, Any]:
     """Meridian and prime-vertical radius of curvature in metres."""
     root = np.sqrt(1 - ECCENTRICITY2 * np.sin(lat_rad) ** 2)
     return SEMI_MAJOR_M * (1 - ECCENTRICITY2) / root**3, SEMI_MAJOR_M / root
@@ -131,7 +133,7 @@ def _radii(lat_rad: float) -> tuple[float, float]:
 def _way(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Platform on a sphere around the target: north and east of it along the ground in radians of arc, and heading."""
     lat = np.radians(scene.target.lat_deg)
-    radius = np.sqrt(np.prod(_radii(lat)))
+    radius = np.sqrt(np.prod(curvature_radii(lat)))
     platform, target = radius + scene.height_m, radius + scene.target.height_m
     away = np.arcsin(platform / target * np.sin(scene.off_nadir_rad)) - scene.off_nadir_rad
     step = scene.spacing_m / platform
@@ -165,7 +167,7 @@ def true_records(scene: Scene) -> Recorded:
 
 
 def _ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, height_m: float) -> np.ndarray:
-    normal = _radii(lat_rad)[1]
+    normal = curvature_radii(lat_rad)[1]
     r = (normal + height_m) * np.cos(lat_rad)
     return np.stack([r * np.cos(lon_rad), r * np.sin(lon_rad), (normal * (1 - ECCENTRICITY2) + height_m) * np.sin(lat_rad)])
 
@@ -191,7 +193,7 @@ def draw(
     once = constant or TABLE_1.scaled(0.0)
     north, east, down = (errors(s, k) for s, k in zip(white.position_m, once.position_m, strict=True))
     yaw, pitch, roll, gimbal_roll, gimbal_pitch = (errors(s, k) for s, k in zip(white[1:6], once[1:6], strict=True))
-    meridian, prime_vertical = _radii(np.asarray(true.lat_rad))
+    meridian, prime_vertical = curvature_radii(np.asarray(true.lat_rad))
     lat, lon, height, roll0, pitch0, heading, beta, alpha = (np.broadcast_to(a, shape) for a in dataclasses.astuple(true))
     recorded = (
         lat + north / (meridian + height),

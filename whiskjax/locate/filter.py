@@ -74,7 +74,9 @@ def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None)
         if gate_nis is not None:
             share = tuple(mul(s, jnp.where(passes, 1.0, 0.0)) for s in share)
         k = gain(linear.crossed, linear.innovation.covariance, share)
-        return _Pass(corrected(prior.state, k, residual), k, linear, predicted, passes)
+        done = _Pass(corrected(prior.state, k, residual), k, linear, predicted, passes)
+        # A loop carries arrays only; without one the zero gain of what is considered stays structural and costs nothing.
+        return jax.tree.map(lambda c: c if eqx.is_array(c) else jnp.asarray(c, dtype=float), done) if iterations else done
 
     shapes = jax.eval_shape(lambda: _linearise(look, prior, prior.state))
     nothing: _Linear = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)

@@ -98,8 +98,8 @@ def gather(sensor: Sensor, estimate: Sequence[Unknown], consider: Sequence[Unkno
     joint = np.eye(len(everything))
     joint[:k, :k], joint[k:, k:] = correlation, more[2]
     nuisance = Nuisance(
-        jnp.asarray(np.concatenate([mean, more[0]])),
-        jnp.asarray(np.concatenate([sigma, more[1]])),
+        jnp.concatenate([mean, more[0]]),
+        jnp.concatenate([sigma, more[1]]),
         jnp.asarray(joint),
         (*share, *(0,) * len(considered)),
         tuple(x.name for x in everything),
