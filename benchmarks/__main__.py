@@ -7,7 +7,7 @@ keep_to_one_thread()
 import argparse  # noqa: E402
 import sys  # noqa: E402
 
-from . import batch, calibration, geodesy, imaging, second_start  # noqa: E402, F401  (each registers its benchmarks)
+from . import batch, calibration, geodesy, imaging, location, second_start  # noqa: E402, F401  (each registers its benchmarks)
 from .peers import MissingPeer  # noqa: E402
 from .report import machine, read_baseline, table, verdict, write_baseline  # noqa: E402
 from .suite import BENCHMARKS, Benchmark  # noqa: E402

@@ -169,7 +169,7 @@ def test_a_first_look_above_the_horizon_gives_no_guess(run):
     )
     skies = [s for s in (up, down) if sees_sky(s, run)]
     assert len(skies) == 1, "one of the two looks above the horizon"
-    with pytest.raises(wj.SensorError, match="first look gives no first guess.*above the horizon"):
+    with pytest.raises(wj.SensorError, match=r"first look gives no first guess.*above the horizon"):
         run.locate(sensor=skies[0], guess=None, sigma_enu_m=SIGMA_ENU_M)
 
 

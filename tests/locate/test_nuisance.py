@@ -44,8 +44,8 @@ class Biased:
         looks = self.run.looks_at(self.pixel_px)
         return self.run.locate(looks, sensor=self.sensor, noise=tianshan.noise(), throw=False, **options)
 
-    def prior(self, bias=np.diag(SIGMA**2)):
-        return block_diag(self.run.prior, bias)
+    def prior(self, bias=None):
+        return block_diag(self.run.prior, np.diag(SIGMA**2) if bias is None else bias)
 
 
 @pytest.fixture(scope="module")
@@ -150,14 +150,15 @@ def calibration(biased):
     """The same body calibrated on eight known points, each seen twice: correlated, and not centred."""
     scene = tianshan.Scene(looks=2, spacing_m=3000.0)
     true = jax.tree.map(lambda a: jnp.repeat(a, 8), tianshan.true_records(scene))
-    east, north = np.array([[-800.0, 500, 0, 900, -300, 100, 700, -600], [200.0, -700, 0, 600, 900, -500, 300, -200]])
+    east, north = np.array([[-800, 500, 0, 900, -300, 100, 700, -600], [200, -700, 0, 600, 900, -500, 300, -200]], dtype=float)
     axes = enu(biased.run.target_m)
     points = np.tile(biased.run.target_m + np.stack([east, north, 0 * east], -1) @ axes.T, (2, 1))
     rng = np.random.default_rng(3)
     bias = np.eye(6)[PLACE].T @ TRUE_BIAS
     pixel = [Chain(true).image(k, point, bias=bias) for k, point in enumerate(points)] + rng.normal(0, 20.0, (16, 2))
     sensor = tianshan.sensor(true).after("body", "bias", biased.sensor["bias"])
-    observations = wj.Observations(wj.Shot(time_s=np.zeros(16)), points, pixel, np.full((16, 2), 20.0), np.ones(16, dtype=bool))
+    shot, sigma = wj.Shot(time_s=np.zeros(16)), np.full((16, 2), 20.0)
+    observations = wj.Observations(shot, points, pixel, sigma, np.ones(16, dtype=bool))
     return wj.calibrate(sensor, observations, biased.unknowns)
 
 
@@ -187,7 +188,7 @@ def test_the_posterior_of_a_calibration_is_a_joint_prior(biased, calibration):
 
 # A sensor with trajectory and encoders, where numbers of every kind can be unknown.
 
-# Two legs in opposite directions, with a gap between them: on an orbit about the target, or on one leg, a delay is another target.
+# Two legs in opposite directions with a gap between them: on an orbit, or on one leg, a delay is another target.
 SAMPLE_S = 0.5 * np.arange(480) + np.repeat([0.0, 30.0], 240)
 LOOK_S = (np.array([[3.0], [153.0]]) + 5.83 * np.arange(20)).ravel()
 

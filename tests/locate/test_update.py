@@ -60,7 +60,7 @@ def shares(n, kind):
 @pytest.mark.parametrize("kind", ["optimal", "Schmidt", "none"])
 def test_the_update_is_that_of_the_textbook(n, kind):
     for seed in range(20):
-        p, h, r, z, x = parts = problem(n, seed)
+        p, *_ = parts = problem(n, seed)
         share = shares(n, kind)
         found, k, state, covariance = ours(*components(*parts), tuple(share))
         s, nis, k0, x0, p0 = theirs(*parts, share)

@@ -6,7 +6,6 @@ import pytest
 from scipy import stats
 
 import whiskjax as wj
-from tests.locate.conftest import draw
 from tests.locate.textbooks import TABLE_1, kalman
 from whiskjax.flights import tianshan
 
@@ -142,16 +141,15 @@ def test_the_paper_s_filter_is_inconsistent_in_every_run_and_the_other_in_none_b
     assert (stats.chi2.sf(np.asarray(full.chi_square), 80) < 1e-4).mean() < 0.01
 
 
-def test_jit_and_vmap_are_the_loop(runs):
+def test_jit_and_vmap_are_the_loop(run, runs):
     recorded, pixel, batched = runs
     for i in range(3):
-        other = draw(11, 0)
-        one = dict(guess=other.guess, throw=False)
-        sensor = tianshan.sensor(jax.tree.map(lambda a: a[i], recorded))
-        looks = other.looks_at(pixel[i])
+        options = {"guess": run.guess, "throw": False}
+        sensor = tianshan.sensor(jax.tree.map(lambda a, i=i: a[i], recorded))
+        looks = run.looks_at(pixel[i])
         loop = (
-            wj.locate(sensor, looks, method="extended", **one),
-            wj.locate(sensor, looks, noise=tianshan.noise(), **one),
+            wj.locate(sensor, looks, method="extended", **options),
+            wj.locate(sensor, looks, noise=tianshan.noise(), **options),
         )
-        for got, expected in zip(jax.tree.leaves(jax.tree.map(lambda a: a[i], batched)), jax.tree.leaves(loop), strict=True):
+        for got, expected in zip(jax.tree.leaves(jax.tree.map(lambda a, i=i: a[i], batched)), jax.tree.leaves(loop), strict=True):
             np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6)

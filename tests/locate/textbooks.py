@@ -13,6 +13,8 @@ FOCAL_PX = 1e5
 MOTIONS = 8  # turn and shift of the body's axes, turn of the roll gimbal about x, of the pitch gimbal about y
 TABLE_1 = np.array([*np.radians([0.03, 0.03, 0.08]), 10.0, 10.0, 20.0, *np.radians([0.01, 0.01])])
 
+EXACT = np.zeros(MOTIONS)
+
 
 def differentiated(f, x):
     """Jacobian (outputs, inputs) by complex steps."""
@@ -43,10 +45,10 @@ def about(axis, angle):
 
 
 class Chain:
-    """u = Ry(alpha) Rx(beta) Rx(roll) Ry(pitch) Rz(yaw) C_ne (x - platform), all turning frames; pixel = f (u_x / u_z, u_y / u_z).
+    """pixel = f (u_x / u_z, u_y / u_z), u = Ry(alpha) Rx(beta) Rx(roll) Ry(pitch) Rz(yaw) C_ne (x - platform), turning frames.
 
-    `recorded` has arrays (looks,). Small motions `w` (8,) and a bias (turn, shift) (6,) of the body may be added at each call: the
-    bias stands behind the motions.
+    `recorded` has arrays (looks,). Small motions `w` (8,) and a bias (turn, shift) (6,) of the body may be added at each call:
+    the bias stands behind the motions.
     """
 
     def __init__(self, recorded, focal_px=FOCAL_PX):
@@ -84,12 +86,12 @@ def noise_of(h, k, x, sigma_px, sigma_w):
     return np.diag(np.broadcast_to(sigma_px, 2) ** 2) + g @ np.diag(sigma_w**2) @ g.T
 
 
-def kalman(h, z, x, p, *, sigma_px=2.0, sigma_w=np.zeros(MOTIONS), relinearised=0, estimated=None, moves=None, gate=np.inf):
+def kalman(h, z, x, p, *, sigma_px=2.0, sigma_w=EXACT, relinearised=0, estimated=None, moves=None, gate=np.inf):
     """The (iterated) extended filter, with full matrices.
 
     `h(k, x, w)` images the state; `estimated` is false for what is only considered; `moves(k)` gives transition and Q.
     """
-    n, nothing = len(x), np.zeros(MOTIONS)
+    n = len(x)
     estimated = np.ones(n, dtype=bool) if estimated is None else np.asarray(estimated)
     kept = []
     for k in range(len(z)):
@@ -101,11 +103,11 @@ def kalman(h, z, x, p, *, sigma_px=2.0, sigma_w=np.zeros(MOTIONS), relinearised=
             continue
         at, first = x, None
         for _ in range(relinearised + 1):
-            jacobian = differentiated(lambda s: h(k, s, nothing), at)
+            jacobian = differentiated(lambda s, k=k: h(k, s, EXACT), at)
             r = noise_of(h, k, at, sigma_px, sigma_w)
             s = jacobian @ p @ jacobian.T + r
             gain = p @ jacobian.T @ np.linalg.inv(s) * estimated[:, None]
-            innovation = z[k] - h(k, at, nothing)
+            innovation = z[k] - h(k, at, EXACT)
             first = first or (innovation, s, innovation @ np.linalg.solve(s, innovation))
             if first[2] > gate:
                 gain = 0 * gain
@@ -127,16 +129,16 @@ class Dense(NamedTuple):
     cost: float
 
 
-def least_squares(h, z, mean, prior, *, sigma_px=2.0, sigma_w=np.zeros(MOTIONS), estimated=None, steps=8):
+def least_squares(h, z, mean, prior, *, sigma_px=2.0, sigma_w=EXACT, estimated=None, steps=8):
     """Gauss-Newton with dense matrices, the looks weighted at the current state; what is considered keeps its mean."""
-    n, nothing = len(mean), np.zeros(MOTIONS)
+    n = len(mean)
     keep = np.ones(n, dtype=bool) if estimated is None else np.asarray(estimated)
     information = np.linalg.inv(prior)
     looks = [k for k in range(len(z)) if not np.isnan(z[k]).any()]
     x = np.array(mean, dtype=float)
     for step in range(steps + 1):
-        rows = np.array([differentiated(lambda s: h(k, s, nothing), x) for k in looks])
-        residual = np.array([z[k] - h(k, x, nothing) for k in looks])
+        rows = np.array([differentiated(lambda s, k=k: h(k, s, EXACT), x) for k in looks])
+        residual = np.array([z[k] - h(k, x, EXACT) for k in looks])
         noise = np.array([noise_of(h, k, x, sigma_px, sigma_w) for k in looks])
         weight = np.linalg.inv(noise)
         normal = np.einsum("kan,kab,kbm->nm", rows, weight, rows) + information

@@ -138,7 +138,7 @@ def _one_by_one(model: Model, state: Float[Array, " n"]) -> Expected:
 
 def considered(found: Equations, estimated: Float[Array, " n"]) -> Float[Array, "n n"]:
     """How the errors of what is considered reach the whole state: themselves, and what is estimated from looks that they bent."""
-    return (jnp.eye(len(estimated)) - found.formal @ found.data) * (1 - estimated)
+    return (jnp.eye(len(estimated)) - found.formal @ found.data) * (1 - estimated)[None, :]
 
 
 def _residual_covariance(
