@@ -4,10 +4,12 @@ A camera that stores its own navigation with every exposure, and Monte Carlo run
 """
 
 import equinox as eqx
+import jax
+import numpy as np
 
 from ..algebra.angles import Angle
 from ..algebra.vectors import Component
-from ..rules import RESULTS, require_x64
+from ..rules import RESULTS, WhiskjaxError, is_traced, require_x64
 from .link import AbstractLink
 from .pose import Pose
 from .shot import Shot
@@ -30,6 +32,11 @@ class Records(AbstractLink):
 
     def __check_init__(self):
         require_x64("Records")
+        for name in ("lat_rad", "lon_rad", "height_m", "roll_rad", "pitch_rad", "heading_rad"):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray | jax.Array) and not is_traced(value) and not np.isfinite(np.asarray(value)).all():
+                place = np.argwhere(~np.isfinite(np.asarray(value)))[0].tolist()
+                raise WhiskjaxError(f"records: {name} of record {', '.join(map(str, place))} is not a finite number")
 
     def pose(self, shot: Shot) -> Pose:
         """The pose of each record."""

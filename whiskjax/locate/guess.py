@@ -37,6 +37,8 @@ class Guess(eqx.Module):
             raise WhiskjaxError(
                 f"guess: a point {self.point_m.shape} and a covariance {self.covariance_enu_m2.shape}, expected (3,) and (3, 3)"
             )
+        if not is_traced(self.point_m) and not np.isfinite(np.asarray(self.point_m)).all():
+            raise WhiskjaxError(f"guess: the point {np.asarray(self.point_m).tolist()} is not finite")
         if not is_traced(self.covariance_enu_m2):
             _check_covariance(np.asarray(self.covariance_enu_m2))
 

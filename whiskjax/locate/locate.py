@@ -85,13 +85,13 @@ def locate(
     if gate is not None and not 0 < gate < 1:
         raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
     if motion is not None:
-        if method == "batch" and (is_traced(motion.acceleration_enu) or bool((motion.acceleration_enu != 0).any())):
+        if method == "batch" and (is_traced(motion.acceleration_enu) or bool((np.asarray(motion.acceleration_enu) != 0).any())):
             raise WhiskjaxError('locate: a batch knows even motion only; set acceleration_enu to zero, or use method="iterated"')
+    if not is_traced(looks.pixel_px) and np.isnan(np.asarray(looks.pixel_px)).any(axis=1).all():
+        raise WhiskjaxError("locate: no look has a measurement")
     if guess is None:
         if sigma_enu_m is None:
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
-        if not is_traced(looks.pixel_px) and bool(looks.is_missed.all()):
-            raise WhiskjaxError("locate: no look has a measurement")
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
     sensor, nuisance = gather(sensor, estimate, consider)
     nis = None if gate is None else -2 * math.log(gate)
@@ -121,14 +121,18 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     direction, line_sigma = weakest(model, prior, found)
     ended, kinematic = stack(model.anchor_m) + state[:3], model.kinematic
     sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
-    away = jnp.stack([jnp.broadcast_to(c, looks.nis.shape) for c in sensor.pose(model.shots).translation], -1) - ended
+    away = jnp.stack([jnp.broadcast_to(c, looks.nis.shape) for c in sensor.pose(model.shots).translation], -1) - ended[None]
     distance = jnp.linalg.norm(away, axis=-1)
     nearest = jnp.where(looks.is_used, distance, jnp.inf).min()
+    measured = ~is_missed & is_successful(looks.result)
+    unseen = measured & ~looks.counts
     result = first_failure(
-        choose(looks.is_used.any(), RESULTS.successful, _first_code(looks.result)),
+        failure_if(~(jnp.isfinite(ended).all() & jnp.isfinite(covariance).all()), RESULTS.nonfinite),
+        choose(looks.counts.any(), RESULTS.successful, _first_code(looks.result)),
+        failure_if(measured.any() & ~looks.counts.any(), RESULTS.point_behind_camera),
+        failure_if((2 * unseen.sum() > measured.sum()) | (looks.counts.any() & ~looks.is_used.any()), RESULTS.diverged),
         failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
         lost,
-        failure_if(~(jnp.isfinite(ended).all() & jnp.isfinite(covariance).all()), RESULTS.nonfinite),
     )
     answered = is_successful(result)
     enu = as_matrix(problem.surface.level(unstack(ended)))

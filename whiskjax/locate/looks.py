@@ -43,7 +43,9 @@ class Looks(eqx.Module):
             raise WhiskjaxError(f"looks: sigma_px has shape {sigma.shape}, expected (2,) or {pixel.shape}")
         if time is not None and time.shape != pixel.shape[:1]:
             raise WhiskjaxError(f"looks: {time.shape} times for {len(pixel)} pixels")
-        if not is_traced(sigma) and not bool((sigma > 0).all()):
+        if not is_traced(pixel) and np.isinf(np.asarray(pixel)).any():
+            raise WhiskjaxError(f"looks: the pixel of look {int(np.argwhere(np.isinf(np.asarray(pixel)))[0, 0])} is infinite")
+        if not is_traced(sigma) and not (np.asarray(sigma) > 0).all():
             raise WhiskjaxError("looks: sigma_px must be positive")
         if time is not None and not is_traced(time):
             _check_order(np.asarray(time))

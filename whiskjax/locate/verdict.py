@@ -44,9 +44,9 @@ def has_diverged(
     """
     if model.density is not None:
         late = used & (jnp.arange(used.shape[0]) >= used.shape[0] // 2)
-        return ~(jnp.where(late, nis, 0.0).sum() <= _WILD_NIS * late.sum().astype(float))
+        return ~(jnp.where(late, nis, 0.0).sum() <= _WILD_NIS * late.sum(dtype=float))
     share = jnp.asarray(model.share, dtype=float)
-    factor = jnp.maximum(1.0, solved.cost / jnp.maximum(2.0 * used.sum().astype(float), 1.0))
+    factor = jnp.maximum(1.0, solved.cost / jnp.maximum(2.0 * used.sum(dtype=float), 1.0))
     spread = factor * (covariance + solved.covariance) * jnp.outer(share, share) + jnp.diag(1 - share)
     away = (state - solved.state) * share
     return ~(away @ jnp.linalg.solve(spread, away) <= _DIVERGED_SIGMAS**2)
