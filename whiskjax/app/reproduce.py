@@ -9,6 +9,7 @@ import typer
 
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, whole_folder
+from .reproduce_location import location
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -32,9 +33,7 @@ reproduce = typer.Typer(
 )
 
 
-@reproduce.callback()
-def _group() -> None:
-    """Keeps the paper's name a word of the command, now that there is only one."""
+reproduce.command()(location)
 
 
 @reproduce.command()

@@ -1,0 +1,96 @@
+"""`whiskjax reproduce location`: paper 003 beside its simulation."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .failure import NOT_SOUND, answers_failures
+from .output import refuse_place, whole_folder
+from .start import start_jax
+
+if TYPE_CHECKING:
+    from ..show.style import Drawing
+    from ..show.summary import Summary
+
+_DRAW = "draw and write"
+_FIGURES = ("figure_6", "figure_7", "figure_8", "figure_9", "figure_10", "table_2", "estimators", "constant_errors")
+_OURS = ("results.json", "report.html", "figures.csv", *(f"{name}.png" for name in _FIGURES))
+
+
+@answers_failures
+def location(
+    out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
+    runs: Annotated[
+        int, typer.Option(min=20, help="How many runs each figure is made of; Figure 10 has ten times as many.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
+) -> None:
+    """Target location from many oblique looks (Liu et al. 2019): Figures 6 to 10, Table 2, and what the paper leaves out.
+
+    Prints the paper's figures, the simulation's and the bands in which they should lie, and the table of estimators with the
+    Cramer-Rao bound. Ends in 0 only when every figure that has a band is inside.
+    """
+    refuse_place(out)
+    start_jax()
+    from ..flights.tianshan_paper import SECTIONS
+    from .stages import Stages
+
+    with Stages(*SECTIONS, _DRAW) as stages:
+        from ..flights.tianshan_paper import Sizes, measure
+        from ..show.location.study_charts import draw_charts
+        from ..show.location.study_tables import summarise
+
+        full = Sizes()
+        share = runs / full.runs
+        sizes = Sizes(runs, 10 * runs, max(20, round(share * full.calibrations)), max(5, round(share * full.offsets)))
+        found = measure(sizes, seed, stages.enter)
+        stages.enter(_DRAW)
+        words = ["whiskjax", "reproduce", "location", "--out", str(out), "--runs", str(runs), "--seed", str(seed)]
+        summary = summarise(found, sizes, seed, shlex.join(words))
+        drawings = draw_charts(found)
+        with whole_folder(out, _OURS) as folder:
+            _write(folder, summary, drawings)
+    _print(summary, out)
+    raise typer.Exit(0 if summary["verdict"]["is_inside"] else NOT_SOUND)
+
+
+def _write(folder: Path, summary: "Summary", drawings: "list[Drawing]") -> None:
+    from ..show.location.study_page import make_report
+    from ..show.location.study_tables import write_figures
+
+    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    write_figures(folder / "figures.csv", summary)
+    for drawing in drawings:
+        drawing.write(folder)
+    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+
+
+def _print(summary: "Summary", out: Path) -> None:
+    """Tables first, the verdict last: it is what stays in view."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..show.location.study_findings import findings
+    from ..show.location.study_tables import tables
+    from ..show.tables import for_terminal
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=120)
+    for table in tables(summary):
+        console.print(for_terminal(table))
+        console.print()
+    console.print(Text("What the paper contradicts or leaves out (in words in report.html):"))
+    for finding in findings(summary):
+        console.print(Text(f"  - {finding.title}"))
+    verdict = summary["verdict"]
+    style = "bold green" if verdict["is_inside"] else "bold red"
+    console.print()
+    console.print(Text(f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it.", style=style))
+    for name in verdict["outside"]:
+        console.print(Text(f"  - outside: {name}"))
+    console.print(f"Written to {out}: report.html, results.json, tables and figures", soft_wrap=True, markup=False)
