@@ -16,6 +16,7 @@ from tests import oracles
 from tests.locate.conftest import draw
 from tests.locate.textbooks import TABLE_1, Chain, assert_in_sigmas, enu, kalman, least_squares
 from whiskjax.flights import tianshan
+from whiskjax.flights.tianshan_open import in_time
 from whiskjax.locate.nuisance import gather
 from whiskjax.locate.problem import Problem
 
@@ -156,8 +157,9 @@ def calibration(biased):
     rng = np.random.default_rng(3)
     bias = np.eye(6)[PLACE].T @ TRUE_BIAS
     pixel = [Chain(true).image(k, point, bias=bias) for k, point in enumerate(points)] + rng.normal(0, 20.0, (16, 2))
-    sensor = tianshan.sensor(true).after("body", "bias", biased.sensor["bias"])
-    shot, sigma = wj.Shot(time_s=np.zeros(16)), np.full((16, 2), 20.0)
+    stamps = tianshan.time_s(scene)
+    sensor = in_time(tianshan.true_records(scene), stamps).after("body", "bias", biased.sensor["bias"])
+    shot, sigma = wj.Shot(time_s=np.repeat(stamps, 8)), np.full((16, 2), 20.0)
     observations = wj.Observations(shot, points, pixel, sigma, np.ones(16, dtype=bool))
     return wj.calibrate(sensor, observations, biased.unknowns)
 

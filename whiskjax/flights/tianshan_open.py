@@ -82,7 +82,7 @@ def handed_on(runs: int, seed: int) -> HandedOn:
         Unknown(f"boresight {axis}", f"boresight.angles_rad[{i}]", 0.0, _BORESIGHT_SIGMA_RAD) for i, axis in enumerate("xyz")
     )
     before = dataclasses.replace(scene, looks=_SURVEYED)
-    mounted = _with_boresight(_stamped(true_records(before), time_s(before)))
+    mounted = _with_boresight(in_time(true_records(before), time_s(before)))
     truth = rng.normal(0, _BORESIGHT_SIGMA_RAD, (runs, 3))
     shot, points = Shot(time_s=time_s(before)), _around(scene, rng)
     exact = np.asarray(_imaged(mounted, unknowns, shot, points, jnp.asarray(truth)))
@@ -162,7 +162,7 @@ def time_offset(runs: int, seed: int) -> Offset:
     shot = Shot(time_s=time_s(scene)[1:-1])
     ignored, estimated, offset = [], [], []
     for k in range(runs):
-        of = _stamped(jax.tree.map(lambda a, k=k: np.asarray(a[k]), recorded), time_s(scene), late[k])
+        of = in_time(jax.tree.map(lambda a, k=k: np.asarray(a[k]), recorded), time_s(scene), late[k])
         looks = Looks(shot, pixel[k, 1:-1], (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX))
         guess = Guess.around(target + ecef_from_enu @ (rng.normal(0, 1, 3) * sigma), sigma)
         plain = locate(of, looks, guess=guess, noise=noise(), throw=False)
@@ -180,7 +180,7 @@ def time_offset(runs: int, seed: int) -> Offset:
     return Offset(rmse_ignored, rmse_estimated, nees_ignored, nees_estimated, float(np.sqrt(np.mean(np.square(offset)))))
 
 
-def _stamped(r: Recorded, stamp_s: np.ndarray, late_s: float = 0.0) -> Sensor:
+def in_time(r: Recorded, stamp_s: np.ndarray, late_s: float = 0.0) -> Sensor:
     """The same camera with records in time, to be interpolated; POS is stamped `late_s` later than camera and gimbal."""
     gap = 2.0 * float(np.diff(stamp_s).max())
     links = dict(zip(sensor(r).names, sensor(r).links, strict=True))

@@ -138,7 +138,7 @@ def _figure_9(measured: Measured) -> Drawing:
     return Drawing(
         "figure_9",
         "Figure 9. Height and off-nadir angle together",
-        "At 75 deg the paper's 20 m (dashed) are kept by the lowest platform only: 40 looks 500 m apart span too small an "
+        "At 75 deg the paper's 20 m (dashed) are kept by the two lowest platforms only: 40 looks 500 m apart span too small an "
         "angle. With looks 1 km apart, 10 km come to 20 m.",
         figure,
     )
