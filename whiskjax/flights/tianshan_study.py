@@ -1,7 +1,7 @@
 """Paper 003 as a study over runs: every figure is a trial, a scene located a thousand times by one estimator."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -168,7 +168,7 @@ def biased(of: Sensor, errors: Errors) -> tuple[Sensor, tuple[Unknown, ...]]:
     return of, (*body, *roll, *pitch)
 
 
-def _looks(pixel: Array, times: np.ndarray) -> Looks:
+def _looks(pixel: Array, times: Any) -> Looks:
     return Looks(Shot(time_s=times), pixel, (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX))
 
 
@@ -178,7 +178,7 @@ def _each(of, data):
 
 
 @jax.jit
-def _first_guesses(recorded: Recorded, pixel: Array, times: Array, sigma: Array, height_m: float | Array) -> Array:
+def _first_guesses(recorded: Recorded, pixel: Array, times: Any, sigma: Any, height_m: Any) -> Array:
     """The first look of every run, intersected with the surface."""
 
     def one(run: tuple[Recorded, Array]) -> Array:
@@ -193,8 +193,8 @@ def _located(
     recorded: Recorded,
     pixel: Array,
     start: Array,
-    times: Array,
-    sigma: Array,
+    times: Any,
+    sigma: Any,
     white: tuple[FrameNoise, ...],
     estimator: Estimator,
     biases: Errors | None,

@@ -71,9 +71,9 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
 
     used = jnp.ones(model.pixel_px[0].shape, dtype=bool)
     state, step = iterate(start, used)
-    for wider in _GATES if gate_nis is not None else ():
+    for limit in () if gate_nis is None else (wider * gate_nis for wider in _GATES):
         found = equations(model, information, state, used)
-        used = _nis(found, _residual_covariance(found, spread, estimated, used)) <= wider * gate_nis
+        used = _nis(found, _residual_covariance(found, spread, estimated, used)) <= limit
         state, step = iterate(state, used)
     found = equations(model, information, state, used)
     effect = considered(found, estimated)
@@ -95,7 +95,7 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
 def at_last(model: Model, prior: Belief) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Mean and covariance of the prior, carried from the first look to the last; the motion is even."""
     mean, covariance = jnp.stack([jnp.asarray(c, dtype=float) for c in prior.state]), _matrix(prior.covariance)
-    if model.density is None:
+    if model.since_s is None:
         return mean, covariance
     n = len(mean)
     forward = jnp.eye(n) + jnp.zeros((n, n)).at[jnp.arange(3), jnp.arange(3, 6)].set(-model.since_s[0])
@@ -165,7 +165,7 @@ def _pairs(upper: tuple[Array, ...]) -> Float[Array, "looks 2 2"]:
     return jnp.stack([jnp.stack([a, b], -1), jnp.stack([b, c], -1)], -2)
 
 
-def _stacked(rows: tuple[tuple[Array, ...], ...]) -> Float[Array, "... n"]:
+def _stacked(rows: Any) -> Float[Array, "... n"]:
     return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
 
 

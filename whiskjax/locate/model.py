@@ -88,7 +88,8 @@ class Model(eqx.Module):
         series = jax.tree.map(_is_series, (self.shots, self.pixel_px, self.sigma_px, self.noise, self.step_s, self.since_s))
         aligned = jax.tree.map(_aligned, self.sensor, is_leaf=lambda node: isinstance(node, _ALIGNED))
         shots, pixel, sigma, noise, step, since = series
-        return eqx.partition(self, Model(aligned, shots, pixel, sigma, noise, False, False, step, since, False))
+        shared: Any = False  # of what the looks share, nothing is their own
+        return eqx.partition(self, Model(aligned, shots, pixel, sigma, noise, shared, shared, step, since, shared))
 
 
 _ALIGNED = (Records, Readings)

@@ -50,7 +50,8 @@ class Problem(eqx.Module):
         n = covariance.shape[0]
         prior = Belief((jnp.zeros(()),) * n, tuple(tuple(covariance[i, j] for j in range(n)) for i in range(n)))
         known = is_successful(self.sensor.check(self.looks.shot))
-        pixel = tuple(jnp.where(known, z, jnp.nan) for z in unstack(self.looks.pixel_px))
+        # The sum over a single entry takes it out; an index would be made a transposed copy of all runs under vmap.
+        pixel = tuple(jnp.where(known, self.looks.pixel_px[:, i : i + 1].sum(axis=1), jnp.nan) for i in (0, 1))
         sigma = unstack(self.looks.sigma_px)
         return Model(sensor, shots, pixel, sigma, self.noise, self.nuisance, anchor, step, since, density), prior
 
