@@ -92,7 +92,7 @@ class Turn(AbstractLink):
             raise WhiskjaxError(f"the sign of a turn is +1 or -1, not {self.sign!r}")
 
     def _angle(self, shot: Shot) -> Any:
-        time = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
+        time: Any = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
         angle = self.encoder.at(time)
         return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
 
