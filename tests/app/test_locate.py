@@ -9,7 +9,7 @@ import pytest
 
 import whiskjax as wj
 from tests.files.folder import Folder
-from whiskjax.flights import tianshan, tianshan_flight
+from whiskjax.flights import tianshan
 from whiskjax.flights.flight import Image, Measurements, Points, World
 
 FIGURES = {"error_ellipse.png", "convergence.png", "innovations.png"}
@@ -36,7 +36,7 @@ def read_csv(path):
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory):
     """The folder of twelve looks; not to be changed."""
-    flight = tianshan_flight.simulate(3, tianshan.Scene(path="race", looks=LOOKS))
+    flight = tianshan.simulate(3, tianshan.Scene(path="race", looks=LOOKS))
     return wj.write_flight(flight, tmp_path_factory.mktemp("looks") / "flight")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from whiskjax.files.read import read_flight
-from whiskjax.flights import tianshan, tianshan_flight
+from whiskjax.flights import tianshan
 
 
 def contents(folder):
@@ -53,7 +53,7 @@ def test_tianshan_is_the_flight_of_its_seed_and_path(whiskjax, tmp_path):
     words = ["simulate", "tianshan", "--seed", 3, "--path", "fly", "--looks", 5, "--out", tmp_path / "f"]
     result = whiskjax(*words)
     assert result.exit_code == 0 and "5 looks at the point target" in result.stdout
-    flight, made = read_flight(tmp_path / "f"), tianshan_flight.simulate(3, tianshan.Scene(path="fly", looks=5))
+    flight, made = read_flight(tmp_path / "f"), tianshan.simulate(3, tianshan.Scene(path="fly", looks=5))
     assert flight.name == made.name and "fly" in flight.name
     np.testing.assert_array_equal(flight.measurements.sample_px, made.measurements.sample_px)
     assert jax.tree.leaves(list(flight.noise)) == jax.tree.leaves(list(made.noise))

@@ -33,9 +33,7 @@ def test_calibrate_finds_the_scale_of_refraction(sensor):
         return np.asarray(wj.project(wj.assign(sensor, UNKNOWNS, value), shot, points).pixel_px)
 
     measured = seen(TRUTH) + np.random.default_rng(4).normal(0, SIGMA_PX, (SCENE.looks, 2))
-    observations = wj.Observations(
-        shot, points, measured, np.full((SCENE.looks, 2), SIGMA_PX), np.ones(SCENE.looks, dtype=bool)
-    )
+    observations = wj.Observations(shot, points, measured, np.full((SCENE.looks, 2), SIGMA_PX), np.ones(SCENE.looks, dtype=bool))
     found = wj.calibrate(sensor, observations, UNKNOWNS)
     # The covariance from differences of whole chains at the solution, and the Gauss-Newton step there, which must be nothing.
     step = np.diag([1e-6, 1e-3])

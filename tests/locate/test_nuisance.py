@@ -16,7 +16,7 @@ from tests import oracles
 from tests.locate.conftest import draw
 from tests.locate.textbooks import TABLE_1, Chain, assert_in_sigmas, enu, kalman, least_squares
 from whiskjax.flights import tianshan
-from whiskjax.flights.tianshan_open import in_time
+from whiskjax.flights.tianshan import in_time
 from whiskjax.locate.nuisance import gather
 from whiskjax.locate.problem import Problem
 

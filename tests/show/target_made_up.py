@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 import whiskjax as wj
-from whiskjax.flights import tianshan, tianshan_flight
+from whiskjax.flights import tianshan
 from whiskjax.flights.flight import Flight, Points
 from whiskjax.show.location.target_sighting import Sighting
 
@@ -16,7 +16,7 @@ LOOKS = 12
 @functools.cache
 def flight() -> Flight:
     """Twelve looks along a leg of 20 km."""
-    return tianshan_flight.simulate(3, tianshan.Scene(path="race", looks=LOOKS))
+    return tianshan.simulate(3, tianshan.Scene(path="race", looks=LOOKS))
 
 
 def sighting(flight: Flight, method="iterated", gate=None, estimate=(), **more) -> Sighting:

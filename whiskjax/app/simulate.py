@@ -72,9 +72,8 @@ def tianshan(
     start_jax()
     from ..files.write import write_flight
     from ..flights.tianshan import Scene
-    from ..flights.tianshan_flight import TARGET
-    from ..flights.tianshan_flight import simulate as simulated
+    from ..flights.tianshan import simulate as simulated
 
     flight = simulated(seed, Scene(path=path.value, looks=looks))
     write_flight(flight, out, overwrite=force)
-    typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {TARGET}, in {out}")
+    typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {flight.points.names[0]}, in {out}")

@@ -9,6 +9,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,13 +18,16 @@ from ..chain.camera import FrameCamera
 from ..chain.mounts import Axes
 from ..chain.records import Records
 from ..chain.sensor import Sensor
-from ..chain.turn import Readings, Turn
-from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
+from ..chain.trajectory import Trajectory
+from ..chain.turn import Encoder, Readings, Turn
+from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M, geodetic_to_ecef
 from ..locate.noise import FrameNoise
+from .flight import Flight, Image, Measurements, Points
 
 FOCAL_PX = 1e5  # 10 urad a pixel
 SPACING_M, SPACING_S = 500.0, 3.0
 LEG_M = 20_000.0
+_GAP = 1.2  # a longer interval between records than this many usual ones is a gap
 AZIMUTH_RAD = np.radians(-44.0)  # of the first line of sight; on a straight path of that at broadside
 PIXEL_SIGMA_PX = 2.0
 
@@ -81,6 +85,9 @@ class Scene:
     height_m: float = 10_000.0
     target: Place = TARGET
     spacing_m: float = SPACING_M
+
+
+STANDARD = Scene()
 
 
 class Recorded(eqx.Module):
@@ -206,3 +213,49 @@ def draw(
         alpha + gimbal_pitch,
     )
     return Recorded(*map(jnp.asarray, recorded)), jnp.asarray(rng.normal(0, white.pixel_px, (*shape, 2)))
+
+
+def in_time(recorded: Recorded, stamp_s: Float[np.ndarray, " looks"], late_s: float = 0.0) -> Sensor:
+    """The same camera with its records in time, to be interpolated; POS is stamped `late_s` later than the gimbal."""
+    r = jax.tree.map(np.asarray, recorded)
+    gap = float(np.diff(stamp_s).max()) * _GAP
+    body = Trajectory.from_geodetic(
+        stamp_s + late_s,
+        r.lat_rad,
+        r.lon_rad,
+        r.height_m,
+        r.roll_rad,
+        r.pitch_rad,
+        np.mod(r.heading_rad, 2 * np.pi),
+        max_gap_s=gap,
+    )
+    turns = {
+        name: Turn(axis, Encoder(stamp_s, angle, gap, name))
+        for name, axis, angle in (("gimbal_roll", "x", r.gimbal_roll_rad), ("gimbal_pitch", "y", r.gimbal_pitch_rad))
+    }
+    return Sensor({"body": body, **turns, "view": Axes("x -y -z")}, FrameCamera(FOCAL_PX, (0.0, 0.0)))
+
+
+def simulate(seed: int, scene: Scene = STANDARD) -> Flight:
+    """One run of looks with the errors of Table 1, as a flight that can be written and read.
+
+    **Arguments:** `seed`: of `draw`, whose first run this is; `scene`: at least two looks.
+
+    **Returns:** a frame image for each look, and the check point "target", which all of them saw. Records and readings are
+    samples at the times of the looks; their errors are the flight's noise.
+    """
+    recorded, pixel = jax.tree.map(lambda value: np.asarray(value[0]), draw(scene, 1, seed))
+    time = time_s(scene)
+    lat_deg, lon_deg, height_m = scene.target
+    position = np.asarray(geodetic_to_ecef(np.radians(lat_deg), np.radians(lon_deg), height_m))
+    sigma, looks = np.full(scene.looks, PIXEL_SIGMA_PX), np.arange(scene.looks)
+    return Flight(
+        name=f"tianshan, {scene.path} of {scene.looks} looks, seed {seed}",
+        sensor=in_time(recorded, time),
+        images=[Image(f"look-{i + 1}", time_s=t) for i, t in enumerate(time.tolist())],
+        points=Points(["target"], position[None], np.zeros((1, 3)), ["check"]),
+        measurements=Measurements(looks, 0 * looks, pixel[:, 1], pixel[:, 0], sigma, sigma),
+        noise=noise(),
+        reference_point="camera",
+        notes="Simulated after Liu et al. (2019): one target, seen by a gimballed camera from an aircraft.",
+    )

@@ -13,8 +13,6 @@ from ..chain.imaging import image_to_ground, project
 from ..chain.mounts import Mount
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
-from ..chain.trajectory import Trajectory
-from ..chain.turn import Encoder, Turn
 from ..earth.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from ..earth.refraction import Refraction
 from ..earth.surface import HeightSurface
@@ -26,7 +24,7 @@ from ..estimate.unknown import Unknown, assign
 from ..locate.guess import Guess
 from ..locate.locate import locate
 from ..locate.looks import Looks
-from .tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw, noise, sensor, time_s, true_records
+from .tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw, in_time, noise, sensor, time_s, true_records
 from .tianshan_study import guess_sigma_enu_m, point_of, to_enu
 
 _BORESIGHT_SIGMA_RAD = np.radians(0.1)
@@ -178,15 +176,3 @@ def time_offset(runs: int, seed: int) -> Offset:
 
     (rmse_ignored, nees_ignored), (rmse_estimated, nees_estimated) = summed(ignored), summed(estimated)
     return Offset(rmse_ignored, rmse_estimated, nees_ignored, nees_estimated, float(np.sqrt(np.mean(np.square(offset)))))
-
-
-def in_time(r: Recorded, stamp_s: np.ndarray, late_s: float = 0.0) -> Sensor:
-    """The same camera with records in time, to be interpolated; POS is stamped `late_s` later than camera and gimbal."""
-    gap = 2.0 * float(np.diff(stamp_s).max())
-    links = dict(zip(sensor(r).names, sensor(r).links, strict=True))
-    links["body"] = Trajectory.from_geodetic(
-        stamp_s + late_s, r.lat_rad, r.lon_rad, r.height_m, r.roll_rad, r.pitch_rad, r.heading_rad, max_gap_s=gap
-    )
-    links["gimbal_roll"] = Turn("x", Encoder(stamp_s, r.gimbal_roll_rad, gap))
-    links["gimbal_pitch"] = Turn("y", Encoder(stamp_s, r.gimbal_pitch_rad, gap))
-    return Sensor(links, sensor(r).camera)

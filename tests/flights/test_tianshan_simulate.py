@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from whiskjax.flights import tianshan, tianshan_flight
+from whiskjax.flights import tianshan
 
 LOOKS = 12
 
@@ -14,7 +14,7 @@ LOOKS = 12
 def pair(request, tmp_path_factory):
     """A scene, its flight, and what was read back."""
     scene = tianshan.Scene(path=request.param, looks=LOOKS)
-    flight = tianshan_flight.simulate(4, scene)
+    flight = tianshan.simulate(4, scene)
     return scene, flight, wj.read_flight(wj.write_flight(flight, tmp_path_factory.mktemp("tianshan") / "flight"))
 
 
@@ -45,7 +45,7 @@ def test_without_errors_the_target_is_in_the_principal_point(pair):
 
 def test_one_check_point_seen_in_every_image(pair):
     scene, flight, _ = pair
-    assert list(flight.points.names) == [tianshan_flight.TARGET] and list(flight.points.roles) == ["check"]
+    assert list(flight.points.names) == ["target"] and list(flight.points.roles) == ["check"]
     assert [image.time_s for image in flight.images] == tianshan.time_s(scene).tolist()
     looks, index = flight.looks([0])
     np.testing.assert_array_equal(index, np.arange(LOOKS))
