@@ -199,9 +199,10 @@ def measure(sizes: Sizes, seed: int, on_section: Callable[[str], None] = lambda 
     section = SECTIONS[8]
     on_section(section)
     for angle, (shift, height) in REFRACTION.items():
-        bent = refraction(at(angle))
-        add(f"{angle:g} deg: ground shift of one look", "m", "", 0.9 * shift, 1.1 * shift, bent.ground_shift_m)
-        add(f"{angle:g} deg: height bias after 40 looks", "m", "", 0.9 * height, 1.1 * height, bent.height_bias_m)
+        around, straight = refraction(at(angle)), refraction(at(angle, path="fly"))
+        add(f"{angle:g} deg: ground shift of one look", "m", "", 0.9 * shift, 1.1 * shift, around.ground_shift_m)
+        add(f"{angle:g} deg: height bias, straight path", "m", "", 0.9 * height, 1.1 * height, straight.height_bias_m)
+        add(f"{angle:g} deg: height bias, orbit", "m", "", None, None, around.height_bias_m)
 
     section = SECTIONS[9]
     on_section(section)
