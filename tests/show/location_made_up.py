@@ -14,7 +14,7 @@ SIZES = Sizes(runs=20, circle=30, calibrations=20, offsets=5)
 
 
 def made(inside: bool = True, sections: list[str] | None = None) -> Measured:
-    """A study in which every figure with a band lies inside, or the height of Table 2 at 78 deg and a NEES do not.
+    """A study in which every figure with a band lies inside, or those of OUTSIDE do not.
 
     **Arguments:** `sections`: gets the names of the sections as they begin.
     """

@@ -154,7 +154,7 @@ def measure(sizes: Sizes, seed: int, on_section: Callable[[str], None] = lambda 
     for path, band in (("orbit", (12.0, 16.0)), ("race", (None, None))):
         found = trial(at(68.2, path=path), sizes.circle, seed)
         clouds[path] = found.error_enu_m
-        add(f"{path}, 40 looks: CEP50", "m", "15" if path == "orbit" else "", *band, found.cep50_m)
+        add(f"68.2 deg, {path}, 40 looks: CEP50", "m", "15" if path == "orbit" else "", *band, found.cep50_m)
 
     section = SECTIONS[5]
     on_section(section)

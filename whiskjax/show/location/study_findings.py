@@ -1,5 +1,6 @@
 """What paper 003 says against itself or leaves out, in words whose figures come from the summary."""
 
+import math
 from typing import NamedTuple
 
 from ..summary import Summary
@@ -15,7 +16,7 @@ class Finding(NamedTuple):
 
 def findings(summary: Summary) -> tuple[Finding, ...]:
     """In the order of the paper."""
-    value = {f["what"]: f["reached"] for f in summary["figures"]}
+    value = {f["what"]: math.nan if f["reached"] is None else f["reached"] for f in summary["figures"]}
     printed, iterated = value["as printed: NEES of 3 states"], value["iterated, full R: NEES of 3 states"]
     far = value["race from the paper's first guess, as printed: more than 100 m off"]
     steep, spread = value["75 deg off nadir: mean error"], value["75 deg, 10 km, looks 1 km apart: mean error"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from ...flights.tianshan_paper import Measured, Sizes
+from ...flights.tianshan_paper import Figure, Measured, Sizes
 from ..sheets import write_csv
 from ..summary import Summary
 from ..tables import Cell, Table, fixed
@@ -34,11 +34,7 @@ _NOTES = {
 def summarise(measured: Measured, sizes: Sizes, seed: int, command: str) -> Summary:
     """Everything that is printed or written, as plain data; names end in their unit."""
     banded = [f for f in measured.figures if f.has_band]
-    outside = [
-        f"{f.section}, {f.what}: {_reached(f.reached, f.unit)} {f.unit}, asked {_band(f.low, f.high)}"
-        for f in banded
-        if not f.is_inside
-    ]
+    outside = [_said(f) for f in banded if not f.is_inside]
     return {
         "title": TITLE,
         "command": command,
@@ -50,7 +46,11 @@ def summarise(measured: Measured, sizes: Sizes, seed: int, command: str) -> Summ
             "outside": outside,
         },
         "runs": sizes._asdict() | {"seed": seed},
-        "figures": [f._asdict() | {"is_inside": f.is_inside if f.has_band else None} for f in measured.figures],
+        "figures": [
+            f._asdict()
+            | {"reached": f.reached if math.isfinite(f.reached) else None, "is_inside": f.is_inside if f.has_band else None}
+            for f in measured.figures
+        ],
         "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
         | {"python": platform.python_version()},
     }
@@ -66,16 +66,26 @@ def _table(section: str, figures: Sequence[Summary]) -> Table:
     rows = []
     for f in figures:
         verdict = "" if f["is_inside"] is None else "inside" if f["is_inside"] else "OUTSIDE"
-        unit = "" if f["unit"] == "1" else f["unit"]
-        cells = (f["what"], unit, f["paper"], _band(f["low"], f["high"]), _reached(f["reached"], f["unit"]))
+        cells = (f["what"], _unit(f["unit"]), f["paper"], _band(f["low"], f["high"]), _reached(f["reached"], f["unit"]))
         rows.append((*map(Cell, cells), Cell(verdict, verdict == "OUTSIDE")))
     heads = ("figure", "unit", "paper", "band", "here", "")
     title = section if section[0].isupper() else f"Beyond the paper: {section}"
     return Table(title, heads, (False, False, True, True, True, False), tuple(rows), _NOTES[section])
 
 
-def _reached(value: float, unit: str) -> str:
-    if not math.isfinite(value) or abs(value) >= 1e5:
+def _said(f: Figure) -> str:
+    reached = f"{_reached(f.reached, f.unit)} {_unit(f.unit)}".rstrip()
+    return f"{f.section}, {f.what}: {reached}, asked {_band(f.low, f.high)}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _reached(value: float | None, unit: str) -> str:
+    if value is None or not math.isfinite(value):
+        return fixed(None, 0)
+    if abs(value) >= 1e5:
         return f"{value:.2g}"
     return fixed(value, 0 if abs(value) >= 1000 else 1 if abs(value) >= 20 or unit == "%" else 2)
 
