@@ -110,12 +110,17 @@ def _inwards(sensor, point):
     return point
 
 
-@pytest.mark.parametrize("angle", [0.0, 78.0])
-def test_derivatives_with_pose_scale_and_point(angle):
-    """Of the pixel, with the ground point, a shift and a turn of the platform, and the scale; at nadir, too."""
-    base = frame(angle, Refraction())
+@pytest.fixture(scope="module")
+def nadir_and_oblique():
+    """One camera that sees the ground at nadir and at 78 deg, far from its centre; the two ground points."""
     shot = wj.Shot(time_s=5.0)
-    point = np.asarray(wj.image_to_ground(base, shot, np.zeros(2), GROUND).point_m)
+    points = [wj.image_to_ground(frame(a, Refraction()), shot, np.zeros(2), GROUND).point_m for a in (0.0, 78.0)]
+    return frame(39.0, Refraction()), shot, np.stack(points)
+
+
+def test_derivatives_with_pose_scale_and_point(nadir_and_oblique):
+    """Of the pixel, with the ground point, a shift and a turn of the platform, and the scale; at nadir, too."""
+    base, shot, points = nadir_and_oblique
 
     def f(x):
         body = wj.Correction(wj.Bias(), turn_rad=x[None, 6:9], shift_m=x[None, 3:6])
@@ -124,19 +129,21 @@ def test_derivatives_with_pose_scale_and_point(angle):
 
     step = [5.0] * 6 + [1e-4] * 3 + [0.05]
     # Pixels; 5 m at 10 km are 50 px.
-    assert_derivatives(f, np.concatenate([point, np.zeros(6), [1.0]]), step, tolerance=1e-5)
+    at = [np.concatenate([point, np.zeros(6), [1.0]]) for point in points]
+    assert_derivatives(f, np.stack(at), step, tolerance=1e-5)
 
 
-@pytest.mark.parametrize("angle", [0.0, 78.0])
-def test_derivatives_of_the_ground_point(angle):
-    base = frame(angle, Refraction())
+def test_derivatives_of_the_ground_point(nadir_and_oblique):
+    base, shot, points = nadir_and_oblique
 
     def f(x):
         bent = with_air(base, Refraction(x[2]))
-        return wj.image_to_ground(bent, wj.Shot(time_s=5.0), x[:2], wj.HeightSurface(x[3])).point_m
+        return wj.image_to_ground(bent, shot, x[:2], wj.HeightSurface(x[3])).point_m
 
     # Metres: a pixel is 0.4 m off at 40 km and 2 m along the ground.
-    assert_derivatives(f, [3.0, -2.0, 1.0, 1551.0], step=[20.0, 20.0, 0.05, 20.0], tolerance=1e-5)
+    pixels = np.asarray(wj.project(base, shot, points).pixel_px)
+    at = np.concatenate([pixels, np.tile([1.0, 1551.0], (2, 1))], axis=1)
+    assert_derivatives(f, at, step=[20.0, 20.0, 0.05, 20.0], tolerance=1e-5)
 
 
 @pytest.fixture(scope="module", params=[45.0, 78.0])
