@@ -5,13 +5,8 @@ computes covariances, the races are for the solutions alone; what else a lane ho
 """
 
 import dataclasses
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -24,6 +19,7 @@ from whiskjax.estimate.problem import Problem, pose_problem, weigh
 from whiskjax.flights import haian
 
 from . import one_thread, peers
+from .own_process import in_own_process
 from .suite import benchmark
 from .timing import Measured, compiled, race
 from .whiskbroom import baked_for_peer, calibrated, recorded
@@ -142,18 +138,7 @@ def against_scipy() -> Measured:
 
 def _many(runs: int, repeats: int, cores: set[int]) -> dict[str, float]:
     """Wall clock (of the fastest repetition) and peak memory of as many runs in a new process."""
-    command = [sys.executable, "-m", "benchmarks.many_runs", str(runs), str(repeats), ",".join(map(str, cores))]
-    inherited = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", *one_thread.ENVIRONMENT)}
-    done = subprocess.run(
-        command,
-        cwd=Path(__file__).parent.parent,
-        env=inherited | {"JAX_PLATFORMS": "cpu", "JAX_ENABLE_X64": "1"},
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise RuntimeError(f"the process that calibrates {runs} runs failed:\n{done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return in_own_process("many_runs", str(runs), str(repeats), ",".join(map(str, cores)))
 
 
 @benchmark("calibrations_10000.memory", peer="-", asked=2.0, unit="GB")

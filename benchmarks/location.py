@@ -6,13 +6,8 @@ noise it carries the errors of all records too. Times are for one look.
 """
 
 import dataclasses
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -28,6 +23,7 @@ from whiskjax.locate.nuisance import gather
 from whiskjax.locate.problem import Problem
 
 from . import one_thread
+from .own_process import in_own_process
 from .peers import location as cxx
 from .suite import benchmark
 from .timing import Measured, compiled, race
@@ -231,17 +227,7 @@ def batch_of_looks() -> Measured:
 
 def _in_own_process(task: str, cores: list[int]) -> dict[str, float]:
     """What a task of many_locations.py prints, in a new process on these cores."""
-    inherited = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", *one_thread.ENVIRONMENT)}
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.many_locations", task, ",".join(map(str, cores))],
-        cwd=Path(__file__).parent.parent,
-        env=inherited | {"JAX_PLATFORMS": "cpu", "JAX_ENABLE_X64": "1"},
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise RuntimeError(f"the process that locates failed:\n{done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return in_own_process("many_locations", task, ",".join(map(str, cores)))
 
 
 @benchmark("location.both_cores", peer="C++ -O3, two threads", asked=1.2)

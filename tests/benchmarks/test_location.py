@@ -65,7 +65,7 @@ def test_what_was_asked():
 
 
 def test_a_process_of_its_own(monkeypatch):
-    with pytest.raises(RuntimeError, match="the process that locates failed"):
+    with pytest.raises(RuntimeError, match="the process of many_locations failed"):
         location._in_own_process("memory", [-1])
     monkeypatch.setattr(location, "_in_own_process", lambda task, cores: {"peak_gb": 0.5, "draw_s": 1.0, "locate_s": 0.1})
     assert location.memory().reached == 0.5

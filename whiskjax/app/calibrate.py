@@ -1,7 +1,6 @@
 """`whiskjax calibrate`: estimate a flight's unknowns from its control points, and show how far to trust them."""
 
 import dataclasses
-import json
 import shlex
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder
+from .output import refuse_place, whole_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -119,14 +118,10 @@ def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: 
     from ..show.residuals import gather
     from ..show.sheets import write_parameters, write_residuals, write_statistics
 
-    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     write_parameters(folder / "parameters.csv", summary)
     write_statistics(folder / "statistics.csv", summary)
     write_residuals(folder / "residuals.csv", gather(calibration, flight))
-    for drawing in drawings:
-        drawing.write(folder)
-    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+    write_report(folder, summary, drawings, make_report(summary, drawings))
     if calibration.is_sound:
         calibrated = dataclasses.replace(flight, sensor=calibration.sensor, name=f"{flight.name}, calibrated")
         write_flight(calibrated, folder / "calibrated")

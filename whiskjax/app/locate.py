@@ -1,7 +1,6 @@
 """`whiskjax locate`: one target from all the looks at it, and how far to trust the answer."""
 
 import fnmatch
-import json
 import shlex
 from collections.abc import Sequence
 from enum import StrEnum
@@ -12,7 +11,7 @@ import typer
 
 from ..rules import FlightError
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder
+from .output import refuse_place, whole_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -286,12 +285,8 @@ def _write(folder: Path, sighting: "Sighting", summary: "Summary", drawings: "li
     from ..show.location.target_tables import write_looks
 
     summary["maps"] = _write_maps(folder, sighting, summary)
-    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     write_looks(folder / "looks.csv", sighting)
-    for drawing in drawings:
-        drawing.write(folder)
-    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+    write_report(folder, summary, drawings, make_report(summary, drawings))
 
 
 def _write_maps(folder: Path, sighting: "Sighting", summary: "Summary") -> "Summary":

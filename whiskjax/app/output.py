@@ -1,13 +1,19 @@
 """An output folder that is written whole or not at all."""
 
 import contextlib
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..rules import FlightError
+
+if TYPE_CHECKING:
+    from ..show.style import Drawing
+    from ..show.summary import Summary
 
 
 def refuse_place(out: Path, flight: Path | None = None) -> None:
@@ -59,6 +65,15 @@ def whole_folder(out: Path, ours: tuple[str, ...]) -> Iterator[Path]:
             with contextlib.suppress(OSError):
                 folder.rmdir()
         raise
+
+
+def write_report(folder: Path, summary: "Summary", drawings: "Sequence[Drawing]", page: str) -> None:
+    """What every verb leaves behind: results.json with all figures of the summary, NAME.png of each drawing, report.html."""
+    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    for drawing in drawings:
+        drawing.write(folder)
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _make_parents(parent: Path) -> list[Path]:

@@ -1,6 +1,5 @@
 """`whiskjax reproduce`: a paper's tables and figures beside those of its simulation, over many seeds."""
 
-import json
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder
+from .output import refuse_place, whole_folder, write_report
 from .reproduce_location import location
 from .start import start_jax
 
@@ -93,14 +92,10 @@ def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Dra
     from ..show.whiskbroom.page import make_report
     from ..show.whiskbroom.tables import write_seeds, write_sheets
 
-    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     write_sheets(folder, summary)
     write_answers(folder / "open_questions.csv", summary["open_questions"])
     write_seeds(folder / "seeds.csv", study)
-    for drawing in drawings:
-        drawing.write(folder)
-    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+    write_report(folder, summary, drawings, make_report(summary, drawings))
 
 
 def _print(summary: "Summary", out: Path) -> None:

@@ -1,6 +1,5 @@
 """`whiskjax reproduce location`: paper 003 beside its simulation."""
 
-import json
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder
+from .output import refuse_place, whole_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -61,12 +60,8 @@ def _write(folder: Path, summary: "Summary", drawings: "list[Drawing]") -> None:
     from ..show.location.study_page import make_report
     from ..show.location.study_tables import write_figures
 
-    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     write_figures(folder / "figures.csv", summary)
-    for drawing in drawings:
-        drawing.write(folder)
-    (folder / "report.html").write_text(make_report(summary, drawings), encoding="utf-8")
+    write_report(folder, summary, drawings, make_report(summary, drawings))
 
 
 def _print(summary: "Summary", out: Path) -> None:

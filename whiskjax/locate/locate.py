@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -113,7 +112,11 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         lost = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged)
     else:
         belief, steps = run(model, prior, _RELINEARISED[method], gate_nis)
-        state, covariance, looks = jnp.stack(belief.state), _matrix(belief.covariance), _of_filter(model, steps, is_missed, poses)
+        state, covariance, looks = (
+            jnp.stack(belief.state),
+            as_matrix(belief.covariance),
+            _of_filter(model, steps, is_missed, poses),
+        )
         chi_square = jnp.where(looks.is_used, looks.nis, 0.0).sum()
         taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
         found = solve(taken, prior, state, _CHECK_STEPS, None)
@@ -161,10 +164,10 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
 def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
     (state, covariance), innovation = steps.belief, steps.innovation
     s00, s01, s11 = innovation.covariance
-    residual, spread = _in_pixels(model, stack(innovation.residual), _matrix(((s00, s01), (s01, s11))), is_missed)
+    residual, spread = _in_pixels(model, stack(innovation.residual), as_matrix(((s00, s01), (s01, s11))), is_missed)
     return LookByLook(
         point_m=stack(vadd(model.anchor_m, state[:3])),
-        covariance_enu_m2=_matrix(tuple(row[:3] for row in covariance[:3])),
+        covariance_enu_m2=as_matrix(tuple(row[:3] for row in covariance[:3])),
         innovation_px=residual,
         innovation_covariance_px2=spread,
         nis=innovation.nis,
@@ -199,10 +202,6 @@ def _in_pixels(
     """From sigmas of the pixel to pixels; a look that was missed has no residual."""
     sigma = jnp.broadcast_to(stack(model.sigma_px), residual.shape)
     return jnp.where(is_missed[:, None], jnp.nan, residual * sigma), covariance * sigma[:, :, None] * sigma[:, None, :]
-
-
-def _matrix(rows: tuple[tuple[Any, ...], ...]) -> Float[Array, "... n n"]:
-    return jnp.stack([stack(row) for row in rows], axis=-2)
 
 
 def _first_code(of_looks: RESULTS) -> RESULTS:

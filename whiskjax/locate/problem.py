@@ -1,11 +1,13 @@
 """From looks and a guess to a model and a prior belief."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Mat3, stack, unstack
+from ..algebra.vectors import Component, stack, unstack
 from ..chain.bake import ready
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
@@ -31,7 +33,7 @@ class Problem(eqx.Module):
     motion: ConstantVelocity | None
 
     def pose(self) -> tuple[Model, Belief]:
-        """The looks, baked, and the belief before the first of them; both in the axes of the world, from the guess.
+        """The looks, made ready, and the belief before the first of them; both in the axes of the world, from the guess.
 
         A look whose pose was not recorded is as good as missed.
         """
@@ -56,6 +58,6 @@ class Problem(eqx.Module):
         return Model(sensor, shots, pixel, sigma, self.noise, self.nuisance, anchor, step, since, density), prior
 
 
-def as_matrix(rows: Mat3) -> Float[Array, "3 3"]:
-    """A matrix of components as an array."""
+def as_matrix(rows: Sequence[Sequence[Component]]) -> Float[Array, "... n n"]:
+    """A matrix of components, of any batch shape, as an array."""
     return jnp.stack([stack(row) for row in rows], axis=-2)

@@ -1,17 +1,9 @@
 """What paper 003 says against itself or leaves out, in words whose figures come from the summary."""
 
 import math
-from typing import NamedTuple
 
+from ..finding import Finding
 from ..summary import Summary
-
-
-class Finding(NamedTuple):
-    """A statement of the paper, and what the simulation says of it."""
-
-    title: str
-    paper: str
-    here: str
 
 
 def findings(summary: Summary) -> tuple[Finding, ...]:

@@ -4,20 +4,12 @@ The report and docs/whiskbroom.md take their text from here.
 """
 
 import math
-from typing import NamedTuple
 
 from ...flights.haian_paper import TABLE_1, TABLE_4
+from ..finding import Finding
 from ..summary import Summary
 from ..tables import fixed, percent
 from .summary import label
-
-
-class Finding(NamedTuple):
-    """A statement of the paper, and what its own figures and the simulation say of it."""
-
-    title: str
-    paper: str
-    here: str
 
 
 def agreement(summary: Summary) -> tuple[str, ...]:
