@@ -4,19 +4,22 @@ All are one link: a small motion (turn, shift) that is a weighted sum of coeffic
 """
 
 import abc
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, WhiskjaxError, is_traced
 from ..rules.results import choose
 from .camera import parameter
-from .link import AbstractLink
 from .pose import Pose
 from .rotations import rotation_from_vector
 from .shot import Shot
+from .stations import AbstractStations, motion
 
 
 class AbstractBasis(eqx.Module):
@@ -73,27 +76,66 @@ class Drift(AbstractBasis):
         return RESULTS.successful
 
 
-class _Uniform(AbstractBasis):
-    """Nodes at start_s + k * spacing_s."""
+def _times(value: Any) -> Any:
+    return jnp.atleast_1d(jnp.asarray(value, dtype=float))
 
-    start_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+
+def _whole_numbers(nodes: int | Sequence[int]) -> tuple[int, ...]:
+    return (nodes,) if isinstance(nodes, int) else tuple(int(n) for n in nodes)
+
+
+class _Uniform(AbstractBasis):
+    """Nodes at start_s + k * spacing_s; several segments in time, strips say, each with its own start and number of nodes.
+
+    The coefficients of all segments follow each other in one array.
+    """
+
+    start_s: Float[Array, " segments"] = eqx.field(converter=_times)
     spacing_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    nodes: int = eqx.field(static=True)
+    nodes: tuple[int, ...] = eqx.field(static=True, converter=_whole_numbers)
 
     def __check_init__(self):
-        if self.nodes < 4:
-            raise WhiskjaxError(f"four neighbouring coefficients act at a time, so at least 4 are needed, not {self.nodes}")
+        if self.start_s.shape != (len(self.nodes),):
+            raise WhiskjaxError(f"{self.start_s.shape[0]} starts for {len(self.nodes)} numbers of nodes: one of each a segment")
+        if min(self.nodes) < 4:
+            raise WhiskjaxError(f"four neighbouring coefficients act at a time, so at least 4 are needed, not {min(self.nodes)}")
+        if is_traced(self.start_s) or is_traced(self.spacing_s):
+            return
+        start, spacing = np.asarray(self.start_s), float(self.spacing_s)
+        end = start + spacing * (np.array(self.nodes) - 1)
+        late = np.flatnonzero(start[1:] < end[:-1])
+        if late.size:
+            i = int(late[0]) + 1
+            raise WhiskjaxError(
+                f"segment {i} starts at {start[i]:g} s, before segment {i - 1} ends at {end[i - 1]:g} s: "
+                "give the strips in the order in which they were flown"
+            )
 
     @property
     def size(self) -> int:
-        """Number of nodes."""
-        return self.nodes
+        """Number of nodes of all segments."""
+        return sum(self.nodes)
+
+    @property
+    def node_s(self) -> Float[np.ndarray, " nodes"]:
+        """The time of every node, on the host."""
+        starts = zip(np.asarray(self.start_s), self.nodes, strict=True)
+        return np.concatenate([start + float(self.spacing_s) * np.arange(n) for start, n in starts])
 
     def _place(self, t):
-        """Index of the first of the four acting nodes, and the position u in [0, 1] between the middle two."""
-        x = (t - self.start_s) / self.spacing_s
-        i = jnp.clip(jnp.floor(x).astype(jnp.int32) - 1, 0, self.nodes - 4)
-        return i, x - i.astype(x.dtype) - 1
+        """Index of the first of the four acting nodes, the position u in [0, 1] between the middle two, and x.
+
+        x is the number of spacings since the segment's start, and comes with the number of the segment's last node.
+        """
+        start, first, last = self.start_s[0], 0, self.nodes[0] - 1
+        for i in range(1, len(self.nodes)):
+            here = t >= self.start_s[i]
+            start = jnp.where(here, self.start_s[i], start)
+            first = jnp.where(here, sum(self.nodes[:i]), first)
+            last = jnp.where(here, self.nodes[i] - 1, last)
+        x = (t - start) / self.spacing_s
+        i = jnp.clip(jnp.floor(x).astype(jnp.int32) - 1, 0, last - 3)
+        return i + first, x - i.astype(x.dtype) - 1, x, last
 
     @abc.abstractmethod
     def _four(self, u: Component) -> tuple[Component, ...]:
@@ -101,7 +143,7 @@ class _Uniform(AbstractBasis):
 
     def weights(self, t):
         """The four neighbours."""
-        i, u = self._place(t)
+        i, u, *_ = self._place(t)
         return [(i + k, w) for k, w in enumerate(self._four(u))]
 
 
@@ -117,8 +159,8 @@ class OrientationImages(_Uniform):
 
     def check(self, t) -> RESULTS:
         """From the first to the last orientation image."""
-        x = (t - self.start_s) / self.spacing_s
-        inside = (x >= 0) & (x <= self.nodes - 1)
+        *_, x, last = self._place(t)
+        inside = (x >= 0) & (x <= last)
         return choose(inside, RESULTS.successful, RESULTS.time_outside_trajectory)
 
 
@@ -134,12 +176,12 @@ class Spline(_Uniform):
 
     def check(self, t) -> RESULTS:
         """From the second to the last but one coefficient."""
-        x = (t - self.start_s) / self.spacing_s
-        inside = (x >= 1) & (x <= self.nodes - 2)
+        *_, x, last = self._place(t)
+        inside = (x >= 1) & (x <= last - 1)
         return choose(inside, RESULTS.successful, RESULTS.time_outside_trajectory)
 
 
-class Correction(AbstractLink):
+class Correction(AbstractStations):
     """A small motion of the joint it stands at, varying in time: p_outer = exp([turn(t)]x) p_inner + shift(t).
 
     `turn_rad` and `shift_m` are the coefficients of the basis, (k, 3) each; None is exactly zero.
@@ -154,15 +196,22 @@ class Correction(AbstractLink):
             if c is not None and c.shape != (self.basis.size, 3):
                 raise WhiskjaxError(f"{name} has shape {c.shape}, expected ({self.basis.size}, 3): one row for each coefficient")
 
-    def _sum(self, coefficients: Float[Array, "k 3"], t: Component) -> Vec3:
-        terms = self.basis.weights(t)
-        return tuple(sum(w * coefficients[:, axis][i] for i, w in terms) for axis in range(3))
+    @property
+    def stations(self) -> int:
+        """Number of coefficients."""
+        return self.basis.size
+
+    def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
+        """The coefficients that act at each shot's time."""
+        return self.basis.weights(shot.need("time_s", "which a correction needs"))
+
+    def moved(self, shot: Shot, turn: Vec3, shift: Vec3) -> Pose:
+        """The pose exp([turn]x), shift."""
+        return Pose(IDENTITY if turn is ZERO else rotation_from_vector(turn), shift)
 
     def pose(self, shot: Shot) -> Pose:
         """The correction at each shot's time."""
-        t = shot.need("time_s", "which a correction needs")
-        rotation = IDENTITY if self.turn_rad is None else rotation_from_vector(self._sum(self.turn_rad, t))
-        return Pose(rotation, ZERO if self.shift_m is None else self._sum(self.shift_m, t))
+        return self.moved(shot, *motion(self, shot))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the basis reaches the shot's time."""

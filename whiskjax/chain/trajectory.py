@@ -23,6 +23,7 @@ from .rotations import (
 )
 from .samples import ecef_samples, relative_turns, sign_continuous, unit_quaternions
 from .shot import Shot
+from .stations import AbstractStations, motion
 from .turn import as_parameter
 
 
@@ -162,7 +163,7 @@ class Trajectory(AbstractLink):
         return first_failure(result, self.knots.check(t + self.attitude_delay_s))
 
 
-class PosePerImage(AbstractLink):
+class PosePerImage(AbstractStations):
     """One pose world_from_body for each image: frame cameras.
 
     `turn_rad` and `shift_m`, both (n, 3) in the body frame, are small motions of the given poses; they are where unknown poses
@@ -198,22 +199,29 @@ class PosePerImage(AbstractLink):
         self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
         self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
 
+    @property
+    def stations(self) -> int:
+        """Number of images."""
+        return self.position_m[0].shape[0]
+
+    def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
+        """The shot's image, alone."""
+        return [(shot.need("image", "which a pose per image needs"), 1)]
+
+    def moved(self, shot: Shot, turn: Vec3, shift: Vec3) -> Pose:
+        """The given pose of each shot's image, moved."""
+        i = shot.need("image", "which a pose per image needs")
+        given = Pose(rotation_from_quaternion(tuple(q[i] for q in self.quaternion)), tuple(p[i] for p in self.position_m))
+        return given @ Pose(Pose().rotation if turn is ZERO else rotation_from_vector(turn), shift)
+
     def pose(self, shot: Shot) -> Pose:
         """The pose of each shot's image."""
-        i = shot.need("image", "which a pose per image needs")
-        rotation = rotation_from_quaternion(tuple(q[i] for q in self.quaternion))
-        translation: Vec3 = tuple(p[i] for p in self.position_m)
-        small = Pose(
-            rotation_from_vector(unstack(self.turn_rad[i])) if self.turn_rad is not None else Pose().rotation,
-            unstack(self.shift_m[i]) if self.shift_m is not None else ZERO,
-        )
-        return Pose(rotation, translation) @ small
+        return self.moved(shot, *motion(self, shot))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether each image has a pose."""
-        n = self.position_m[0].shape[0]
         image = jnp.asarray(shot.need("image", "which a pose per image needs"))
-        known = (image >= 0) & (image < n)
+        known = (image >= 0) & (image < self.stations)
         return choose(known, RESULTS.successful, RESULTS.unknown_key)
 
 

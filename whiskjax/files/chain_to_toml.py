@@ -173,7 +173,7 @@ def _basis(basis: Any) -> dict[str, Any]:
         return {"kind": "drift", "start_s": float(basis.start_s), "span_s": float(basis.span_s)}
     if isinstance(basis, OrientationImages | Spline):
         kind = "spline" if isinstance(basis, Spline) else "orientation_images"
-        return {"kind": kind, "start_s": float(basis.start_s), "spacing_s": float(basis.spacing_s), "nodes": basis.nodes}
+        return {"kind": kind, "start_s": floats(basis.start_s), "spacing_s": float(basis.spacing_s), "nodes": list(basis.nodes)}
     if isinstance(basis, Process):
         parameter = "start_sigma" if basis.kind == "random_walk" else "correlation_s"
         return {"kind": basis.kind, "nodes_s": floats(basis.time_s), parameter: basis.parameter}

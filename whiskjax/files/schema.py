@@ -146,10 +146,10 @@ class Basis(Model):
     """How a correction varies in time."""
 
     kind: Literal["bias", "drift", "orientation_images", "spline", "random_walk", "ornstein_uhlenbeck", "smooth"]
-    start_s: float | None = None
+    start_s: float | list[float] | None = None
     span_s: Positive | None = None
     spacing_s: Positive | None = None
-    nodes: Annotated[int, Field(ge=4)] | None = None
+    nodes: Annotated[int, Field(ge=4)] | list[Annotated[int, Field(ge=4)]] | None = None
     nodes_s: Annotated[list[float], Field(min_length=2)] | None = None
     start_sigma: Annotated[float, Field(ge=0)] | None = None
     correlation_s: Positive | None = None
@@ -160,6 +160,8 @@ class Basis(Model):
         for name in dict.fromkeys(key for keys in _BASIS_KEYS.values() for key in keys):
             if (getattr(self, name) is not None) != (name in needs):
                 raise ValueError(f"a {self.kind} basis has {' and '.join(needs) or 'no further key'}")
+        if self.kind == "drift" and isinstance(self.start_s, list):
+            raise ValueError("a drift has one start_s")
         return self
 
 

@@ -1,0 +1,48 @@
+"""Links with unknown motions of their own: corrections in time at nodes, poses for each image.
+
+Both hold small motions, six numbers a station, and make a shot's pose from a weighted sum of a few stations' motions. A block
+adjustment needs no more of them than that.
+"""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import ZERO, Component, Vec3
+from .link import AbstractLink
+from .pose import Pose
+from .shot import Shot
+
+
+class AbstractStations(AbstractLink):
+    """A link whose pose follows from small motions (turn, shift) at stations: nodes in time, or images.
+
+    `turn_rad` and `shift_m` hold the motions, (stations, 3) each; None is exactly zero.
+    """
+
+    turn_rad: eqx.AbstractVar[Float[Array, "stations 3"] | None]
+    shift_m: eqx.AbstractVar[Float[Array, "stations 3"] | None]
+
+    @property
+    @abc.abstractmethod
+    def stations(self) -> int:
+        """Number of stations."""
+
+    @abc.abstractmethod
+    def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
+        """Pairs (station index, weight) that act on each shot; consecutive stations, the first one first."""
+
+    @abc.abstractmethod
+    def moved(self, shot: Shot, turn: Vec3, shift: Vec3) -> Pose:
+        """The pose of each shot for a given motion; `vectors.ZERO` is exactly none."""
+
+
+def motion(link: AbstractStations, shot: Shot) -> tuple[Vec3, Vec3]:
+    """The motion (turn, shift) of each shot: the weighted sum over the stations that act."""
+    acting = link.acting(shot)
+
+    def total(of: Float[Array, "stations 3"] | None) -> Vec3:
+        return ZERO if of is None else tuple(sum(w * of[:, axis][i] for i, w in acting) for axis in range(3))
+
+    return total(link.turn_rad), total(link.shift_m)

@@ -1,0 +1,1 @@
+"""Block adjustment: many images, control and tie points, one trajectory."""

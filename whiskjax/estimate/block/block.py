@@ -1,0 +1,106 @@
+"""What a block adjustment adjusts: the rays of control, check and tie points."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...chain.shot import Shot
+from ...rules import WhiskjaxError
+
+ROLES = ("control", "check", "tie")
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """Image measurements of points, and what is known of the points; residual = measured - projected, in pixels.
+
+    Rays of all three roles take part. Control points have coordinates with a covariance; those of check points are only compared
+    with what comes out; tie points have none.
+
+    **Arguments** (rays, points):
+
+    - `shot`: time and keys, each (rays,).
+    - `pixel_px`: measured (sample, line offset) or (column, row), (rays, 2).
+    - `sigma_px`: 1-sigma of both, (rays, 2).
+    - `point`: which point each ray sees, 0 to points - 1, (rays,).
+    - `position_m`: world frame, (points, 3); NaN for tie points.
+    - `covariance_m2`: of the coordinates of control and check points in the world frame, (points, 3, 3); not read for tie points.
+    - `role`: "control", "check" or "tie", (points,).
+    - `points`, `images`: names for people, of points and of rays.
+    """
+
+    shot: Shot
+    pixel_px: Float[np.ndarray, "rays 2"]
+    sigma_px: Float[np.ndarray, "rays 2"]
+    point: Int[np.ndarray, " rays"]
+    position_m: Float[np.ndarray, "points 3"]
+    covariance_m2: Float[np.ndarray, "points 3 3"]
+    role: np.ndarray
+    points: Sequence[str] = ()
+    images: Sequence[str] = ()
+
+    def __post_init__(self):
+        rays, points = len(self.point), len(self.role)
+        shapes = {"pixel_px": (rays, 2), "sigma_px": (rays, 2), "point": (rays,), "position_m": (points, 3)}
+        shapes |= {"covariance_m2": (points, 3, 3), "role": (points,)}
+        if rays == 0:
+            raise WhiskjaxError("the block has no rays: nothing can be adjusted")
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if value.shape != shape:
+                raise WhiskjaxError(f"block: {name} has shape {value.shape}, expected {shape}")
+        for name, count in (("points", points), ("images", rays)):
+            if len(getattr(self, name)) not in (0, count):
+                raise WhiskjaxError(f"block: {len(getattr(self, name))} names of {name} for {count}")
+        unknown = set(self.role) - set(ROLES)
+        if unknown:
+            raise WhiskjaxError(f"block: a point is a {', '.join(ROLES)} point, not {sorted(unknown)}")
+        self._require(np.isfinite(self.pixel_px).all(axis=1), "pixel_px is not a finite number")
+        self._require((self.sigma_px > 0).all(axis=1), "sigma_px must be a positive number")
+        if self.point.min() < 0 or self.point.max() >= points:
+            raise WhiskjaxError(f"block: rays see points 0 to {points - 1}, not {self.point.min()} to {self.point.max()}")
+        known = self.role != "tie"
+        placed = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.covariance_m2).all(axis=(1, 2))
+        if (known & ~placed).any():
+            i = int(np.argmax(known & ~placed))
+            raise WhiskjaxError(f"{self.point_label(i)} is a {self.role[i]} point, but its coordinates are not finite numbers")
+
+    def _require(self, fine: Bool[np.ndarray, " rays"], message: str) -> None:
+        if not fine.all():
+            raise WhiskjaxError(f"{self.ray_label(int(np.argmin(fine)))}: {message}")
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def key(self, name: str) -> np.ndarray | None:
+        """A key, or the time, of every ray; None where it is not recorded."""
+        value = getattr(self.shot, name)
+        return None if value is None else np.broadcast_to(np.asarray(value), (len(self),))
+
+    def point_label(self, i: int) -> str:
+        """A point, named for people."""
+        return f"point {self.points[i]}" if len(self.points) else f"point {i}"
+
+    def ray_label(self, i: int) -> str:
+        """A ray, named for people."""
+        image = f", image {self.images[i]}" if len(self.images) else ""
+        return f"ray {i}{image}, {self.point_label(int(self.point[i]))}"
+
+    def keep(self, rays: np.ndarray) -> "Block":
+        """The block with those rays only, by mask or index; all points stay, seen or not."""
+        index = np.arange(len(self))[rays]
+        picked = {
+            name: value[index] for name in ("time_s", "image", "swing", "view", "strip") if (value := self.key(name)) is not None
+        }
+        images = [self.images[int(i)] for i in index] if len(self.images) else ()
+        return dataclasses.replace(
+            self,
+            shot=Shot(**picked),
+            pixel_px=self.pixel_px[index],
+            sigma_px=self.sigma_px[index],
+            point=self.point[index],
+            images=images,
+        )
