@@ -201,6 +201,11 @@ class Correction(AbstractStations):
         """Number of coefficients."""
         return self.basis.size
 
+    @property
+    def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:
+        """`turn_rad` and `shift_m`."""
+        return self.turn_rad, self.shift_m
+
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
         """The coefficients that act at each shot's time."""
         return self.basis.weights(shot.need("time_s", "which a correction needs"))

@@ -6,7 +6,6 @@ adjustment needs no more of them than that.
 
 import abc
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import ZERO, Component, Vec3
@@ -18,16 +17,18 @@ from .shot import Shot
 class AbstractStations(AbstractLink):
     """A link whose pose follows from small motions (turn, shift) at stations: nodes in time, or images.
 
-    `turn_rad` and `shift_m` hold the motions, (stations, 3) each; None is exactly zero.
+    They live in its fields `turn_rad` and `shift_m`, (stations, 3) each; None is exactly zero.
     """
-
-    turn_rad: eqx.AbstractVar[Float[Array, "stations 3"] | None]
-    shift_m: eqx.AbstractVar[Float[Array, "stations 3"] | None]
 
     @property
     @abc.abstractmethod
     def stations(self) -> int:
         """Number of stations."""
+
+    @property
+    @abc.abstractmethod
+    def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:
+        """The motions of the stations: `turn_rad` and `shift_m`."""
 
     @abc.abstractmethod
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
@@ -45,4 +46,5 @@ def motion(link: AbstractStations, shot: Shot) -> tuple[Vec3, Vec3]:
     def total(of: Float[Array, "stations 3"] | None) -> Vec3:
         return ZERO if of is None else tuple(sum(w * of[:, axis][i] for i, w in acting) for axis in range(3))
 
-    return total(link.turn_rad), total(link.shift_m)
+    turn, shift = link.motions
+    return total(turn), total(shift)

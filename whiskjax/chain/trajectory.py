@@ -204,6 +204,11 @@ class PosePerImage(AbstractStations):
         """Number of images."""
         return self.position_m[0].shape[0]
 
+    @property
+    def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:
+        """`turn_rad` and `shift_m`."""
+        return self.turn_rad, self.shift_m
+
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
         """The shot's image, alone."""
         return [(shot.need("image", "which a pose per image needs"), 1)]

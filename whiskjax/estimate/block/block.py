@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...chain.shot import Shot
+from ...chain.shot import KEYS, Shot
 from ...rules import WhiskjaxError
 
 ROLES = ("control", "check", "tie")
