@@ -53,6 +53,7 @@ from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate
 from .estimate.consistency import nees as nees
 from .estimate.consistency import nees_band as nees_band
+from .estimate.intersection import intersect as intersect
 from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
 from .estimate.motions import motion_unknowns as motion_unknowns
@@ -67,7 +68,6 @@ from .files.write import write_flight as write_flight
 from .flights.flight import Flight as Flight
 from .locate.guess import Guess as Guess
 from .locate.guess import first_guess as first_guess
-from .locate.intersection import intersect as intersect
 from .locate.locate import locate as locate
 from .locate.location import Location as Location
 from .locate.looks import Looks as Looks

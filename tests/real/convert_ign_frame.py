@@ -62,29 +62,34 @@ def convert(
     boresight_deg: Sequence[float] = (0.0, 0.0, 0.0),
     focal_px: float = FOCAL_PX,
     principal_point_px: Sequence[float] = PRINCIPAL_POINT_PX,
+    tie_role: str = "control",
 ) -> Converted:
-    """Write the set as a flight folder: the producer's tie points are control, the surveyed points are check points.
+    """Write the set as a flight folder: the surveyed points are check points.
 
     **Arguments:** the start values, by default those of the producer. No unknown has a prior: the data determine all six.
+    `tie_role`: of the producer's tie points: "control", where the producer intersected them, or "tie", without coordinates.
     """
     cameras, ties, produced = (Rows(source / f"{name}.csv") for name in ("cameras", "tie_obs", "tie_points_producer"))
     surveyed, marks = Rows(source / "gcp.csv"), Rows(source / "gcp_obs.csv")
     images, known = set(cameras.texts("image")), set(produced.texts("point")) | set(surveyed.texts("point"))
     counts, seen = {}, []
     for rows, what in ((ties, "measurements of tie points"), (marks, "measurements of surveyed points")):
-        usable = [i in images and p in known for i, p in zip(rows.texts("image"), rows.texts("point"), strict=True)]
-        counts[f"{what} whose image or point is not in the set"] = len(rows) - sum(usable)
-        seen.append(rows.where(usable))
+        seen.append(rows.among(image=images, point=known))
+        counts[f"{what} whose image or point is not in the set"] = len(rows) - len(seen[-1])
 
     def joined(column: str) -> list[str]:
         return [text for rows in seen for text in rows.texts(column)]
 
+    def placed(column: str) -> list[str]:
+        given = [""] * len(produced) if tie_role == "tie" else produced.texts(column)
+        return given + surveyed.texts(column)
+
     points = {
         "point": produced.texts("point") + surveyed.texts("point"),
-        "lat_deg": produced.texts("lat_deg") + surveyed.texts("lat_deg"),
-        "lon_deg": produced.texts("lon_deg") + surveyed.texts("lon_deg"),
-        "height_m": produced.texts("h") + surveyed.texts("h"),
-        "role": ["control"] * len(produced) + ["check"] * len(surveyed),
+        "lat_deg": placed("lat_deg"),
+        "lon_deg": placed("lon_deg"),
+        "height_m": placed("h"),
+        "role": [tie_role] * len(produced) + ["check"] * len(surveyed),
     }
     measured = sum(map(len, seen))
     scales = (0.1, 0.1, 0.1, 100.0, 100.0, 100.0)

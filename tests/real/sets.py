@@ -3,7 +3,7 @@
 import csv
 import dataclasses
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,10 @@ class Rows:
         some = object.__new__(Rows)
         some.cells = [row for row, k in zip(self.cells, keep, strict=True) if k]
         return some
+
+    def among(self, **names: Collection[str]) -> "Rows":
+        """Those rows whose text is one of the names given for a column, in every column that has names."""
+        return self.where(all(row[column] in known for column, known in names.items()) for row in self.cells)
 
 
 @dataclasses.dataclass(frozen=True)

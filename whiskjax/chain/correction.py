@@ -84,7 +84,7 @@ def _whole_numbers(nodes: int | Sequence[int]) -> tuple[int, ...]:
     return (nodes,) if isinstance(nodes, int) else tuple(int(n) for n in nodes)
 
 
-class _Uniform(AbstractBasis):
+class AbstractUniform(AbstractBasis):
     """Nodes at start_s + k * spacing_s; several segments in time, strips say, each with its own start and number of nodes.
 
     The coefficients of all segments follow each other in one array.
@@ -122,6 +122,11 @@ class _Uniform(AbstractBasis):
         starts = zip(np.asarray(self.start_s), self.nodes, strict=True)
         return np.concatenate([start + float(self.spacing_s) * np.arange(n) for start, n in starts])
 
+    @property
+    @abc.abstractmethod
+    def epoch_s(self) -> Float[np.ndarray, " nodes"]:
+        """As many times as there are coefficients, on the host: values there determine the coefficients."""
+
     def _place(self, t):
         """Index of the first of the four acting nodes, the position u in [0, 1] between the middle two, and x.
 
@@ -147,11 +152,16 @@ class _Uniform(AbstractBasis):
         return [(i + k, w) for k, w in enumerate(self._four(u))]
 
 
-class OrientationImages(_Uniform):
+class OrientationImages(AbstractUniform):
     """Corrections at orientation images, interpolated by the cubic through the four nearest (Lagrange weights, paper 001).
 
     Node k lies at start_s + k * spacing_s; the first and last intervals use the cubic of the nearest four nodes.
     """
+
+    @property
+    def epoch_s(self):
+        """The orientation images."""
+        return self.node_s
 
     def _four(self, u):
         a, b, c, d = u + 1, u, u - 1, u - 2
@@ -164,11 +174,22 @@ class OrientationImages(_Uniform):
         return choose(inside, RESULTS.successful, RESULTS.time_outside_trajectory)
 
 
-class Spline(_Uniform):
+class Spline(AbstractUniform):
     """Uniform cubic B-spline: coefficient k belongs to start_s + k * spacing_s, and the second derivative is continuous.
 
     Reaches from the second node to the last but one.
     """
+
+    @property
+    def epoch_s(self):
+        """The inner nodes, and the middle of the first and the last interval between them."""
+        parts, ends = [], np.cumsum(self.nodes)
+        for t in np.split(self.node_s, ends[:-1]):
+            middle = 0.5 * (t[1] + t[2]), 0.5 * (t[-3] + t[-2])
+            parts.append(
+                np.sort(np.concatenate([t[1:-1], middle if len(t) > 4 else [t[1] + (t[2] - t[1]) * f for f in (1 / 3, 2 / 3)]]))
+            )
+        return np.concatenate(parts)
 
     def _four(self, u):
         v = 1 - u

@@ -13,6 +13,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
+from ..estimate.block.block import Block
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown
 from ..locate.looks import Looks
@@ -166,6 +167,23 @@ class Flight:
             self.point_covariance_m2()[point],
             [self.images[int(i)].name for i in image],
             [self.points.names[int(i)] for i in point],
+        )
+
+    def block(self) -> Block:
+        """All measurements and all points, ready for `adjust`; coordinates of tie points, where somebody gave any, stay behind.
+
+        Points keep their indices, seen or not.
+        """
+        role = np.asarray(self.points.roles)
+        return Block(
+            self.shot(self.measurements.image, self.measurements.line_px),
+            *self._pixels(np.arange(len(self.measurements))),
+            self.measurements.point,
+            np.where((role == "tie")[:, None], np.nan, self.points.position_m),
+            self.point_covariance_m2(),
+            role,
+            self.points.names,
+            [self.images[int(i)].name for i in self.measurements.image],
         )
 
     def looks(self, points: Sequence[int]) -> tuple[Looks, Int[np.ndarray, " looks"]]:

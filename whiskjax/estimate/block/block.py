@@ -2,9 +2,10 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...chain.shot import KEYS, Shot
 from ...rules import WhiskjaxError
@@ -68,7 +69,7 @@ class Block:
             i = int(np.argmax(known & ~placed))
             raise WhiskjaxError(f"{self.point_label(i)} is a {self.role[i]} point, but its coordinates are not finite numbers")
 
-    def _require(self, fine: Bool[np.ndarray, " rays"], message: str) -> None:
+    def _require(self, fine: Any, message: str) -> None:
         if not fine.all():
             raise WhiskjaxError(f"{self.ray_label(int(np.argmin(fine)))}: {message}")
 
@@ -92,9 +93,10 @@ class Block:
     def keep(self, rays: np.ndarray) -> "Block":
         """The block with those rays only, by mask or index; all points stay, seen or not."""
         index = np.arange(len(self))[rays]
-        picked = {
-            name: value[index] for name in ("time_s", "image", "swing", "view", "strip") if (value := self.key(name)) is not None
-        }
+        picked: dict[str, Any] = {}
+        for name in ("time_s", *KEYS):
+            if (value := self.key(name)) is not None:
+                picked[name] = value[index]
         images = [self.images[int(i)] for i in index] if len(self.images) else ()
         return dataclasses.replace(
             self,

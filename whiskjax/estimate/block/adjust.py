@@ -1,0 +1,205 @@
+"""Block adjustment: trajectory, mounts, cameras and points from the rays of control and tie points together."""
+
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...chain.sensor import Sensor
+from ...rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
+from ...rules.results import codes_of, message_of
+from ..diagnosis import UNLIKELY, consistency
+from ..unknown import Unknown, assign
+from .adjustment import Adjustment, Trust
+from .begin import begin
+from .block import Block
+from .connect import connections, refuse_lonely
+from .covariance import covariances, evaluate
+from .pos_errors import AXES, PosErrors
+from .prepare import Prepared, Ready, State, prepare
+from .solve import Solved, gauss_newton
+
+
+def adjust(
+    sensor: Sensor,
+    block: Block,
+    unknowns: Sequence[Unknown] = (),
+    *,
+    pos_errors: PosErrors | None = None,
+    start_m: Float[np.ndarray, "points 3"] | None = None,
+    max_steps: int = 30,
+    throw: bool = True,
+) -> Adjustment:
+    """Adjust a block by least squares: rays of control, check and tie points, POS, and priors of the unknowns.
+
+    Points are eliminated (normal.py); what remains is solved by Gauss-Newton steps, damped where one would climb. For songshan,
+    with orientation images, this is the block adjustment of paper 001 with its equations (2) and (7), lever arm and boresight
+    solved jointly.
+
+    **Arguments:**
+
+    - `sensor`: the chain with start values.
+    - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `pos_errors`.
+    - `pos_errors`: the link whose motions at stations (orientation images, spline coefficients, images) are estimated, and how
+      large and how correlated POS errors are; None keeps the trajectory as it is.
+    - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values.
+    - `throw`: raise where the block cannot be solved; else look at `result`.
+
+    **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so.
+
+    **Raises:** `WhiskjaxError` naming a point seen once, a ray or a strip; `SensorError` naming points with parallel rays, or
+    where the equations are singular.
+    """
+    require_x64("adjust")
+    if not unknowns and pos_errors is None:
+        raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
+    refuse_lonely(block)
+    if start_m is None:
+        sensor, start_m = begin(sensor, block, pos_errors)
+    prepared = prepare(sensor, block, unknowns, pos_errors, np.asarray(start_m, dtype=float))
+    solved = gauss_newton(prepared.ready, prepared.start, max_steps)
+    return report(prepared, solved, unknowns, pos_errors, np.ones(len(block), dtype=bool), throw)
+
+
+def report(
+    prepared: Prepared,
+    solved: Solved,
+    unknowns: Sequence[Unknown],
+    pos_errors: PosErrors | None,
+    used: Bool[np.ndarray, " rays"],
+    throw: bool,
+) -> Adjustment:
+    """What people want to know of a solution."""
+    ready, block = prepared.ready, prepared.block
+    result = solved.result
+    inverse = _inverse(solved.reduced.matrix)
+    if inverse is None:
+        result = first_failure(RESULTS.rank_deficient, result)
+    if throw and int(codes_of(result)) != 0:
+        raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
+    state = solved.state
+    residual, point, covariance = _evaluated(prepared, state, inverse)
+    numbers = ready.unknowns
+    size = state.x.size
+    value = np.asarray(numbers.mean) + np.asarray(numbers.scale) * np.asarray(state.u)
+    trust = _trust(ready, state, inverse)
+    squared = (residual / block.sigma_px) ** 2
+    control = block.role == "control"
+    freedom = (
+        2 * int(used.sum())
+        + 3 * int(control.sum())
+        + int((np.abs(np.asarray(ready.roots)).sum(axis=2) > 0).sum())
+        + int(np.asarray(ready.prior).sum())
+        - size
+        - len(value)
+        - 3 * len(np.unique(block.point[used | control[block.point]]))
+    )
+    cost = float(solved.reduced.cost)
+    factor, tail, sound = consistency(cost, freedom)
+    solution = numbers.put(ready.sensor, state.x, state.u)
+    return Adjustment(
+        sensor=assign(solution, unknowns, value) if unknowns else solution,
+        unknowns=tuple(unknowns),
+        value=value,
+        start=np.asarray(numbers.mean) + np.asarray(numbers.scale) * np.asarray(prepared.start.u),
+        trust=trust,
+        block=block,
+        pos_errors=pos_errors,
+        point_m=point,
+        covariance_m2=covariance,
+        residual_px=residual,
+        used=used,
+        cost=cost,
+        freedom=freedom,
+        variance_factor=factor,
+        tail_probability=tail,
+        is_consistent=sound,
+        steps=solved.steps,
+        result=result,
+        warnings=tuple(_warnings(block, pos_errors, factor, tail, squared, trust, unknowns)),
+    )
+
+
+def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
+    """The inverse of the reduced normal matrix; None where it is not positive definite."""
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(np.asarray(matrix)))
+    except np.linalg.LinAlgError:
+        return None
+    return root.T @ root if np.isfinite(root).all() else None
+
+
+def _evaluated(prepared: Prepared, state: State, inverse: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals in pixels by ray, coordinates and their covariance by point."""
+    residuals = evaluate(prepared.ready, state)
+    point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
+    if inverse is None:
+        return prepared.by_ray(residuals), point, np.full((len(point), 3, 3), np.nan)
+    covariance = prepared.by_point(covariances(prepared.ready, state, jnp.asarray(inverse)))
+    return prepared.by_ray(residuals), point, covariance
+
+
+def _trust(ready: Ready, state: State, inverse: np.ndarray | None) -> Trust:
+    """Covariances in the units of the fields."""
+    q, size = len(state.u), state.x.size
+    scale = np.asarray(ready.unknowns.scale)
+    sigma = np.asarray(ready.unknowns.sigma)
+    if inverse is None:
+        inverse = np.full((size + q, size + q), np.nan)
+    of_unknowns = inverse[size:, size:] * np.outer(scale, scale)
+    of_stations = np.sqrt(np.diag(inverse)[:size]).reshape(state.x.shape) * sigma[:, None]
+    prior = np.asarray(ready.prior)
+    share = np.where(prior > 0, 1 - prior**2 * np.diag(inverse)[size:], np.nan)
+    return Trust(of_unknowns, np.sqrt(np.diag(of_unknowns)), of_stations.T, share)
+
+
+def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> str:
+    """Which unknowns take part in the weakest combination of a singular system."""
+    matrix = np.asarray(solved.reduced.matrix)
+    if not np.isfinite(matrix).all():
+        return ": the normal equations hold values that are no numbers"
+    values, vectors = np.linalg.eigh(matrix)
+    if values[0] > 1e-12 * values[-1]:
+        return ""
+    weak = np.abs(vectors[:, 0])
+    stations = solved.state.x.shape[1]
+    names = [f"{axis} of station {k}" for axis in AXES for k in range(stations)] + [x.name for x in unknowns]
+    order = np.argsort(-weak)[:6]
+    named = ", ".join(names[i] for i in order if weak[i] > 0.1 * weak[order[0]])
+    hint = "" if pos_errors is None or pos_errors.observed else "; without POS a block needs three control points or more"
+    return f": {named}. Give priors, or leave some of them out{hint}"
+
+
+def _warnings(
+    block: Block,
+    pos_errors: PosErrors | None,
+    factor: float,
+    tail: float,
+    squared: np.ndarray,
+    trust: Trust,
+    unknowns: Sequence[Unknown],
+) -> list[str]:
+    said = []
+    if not (block.role == "control").any():
+        rests = "the priors" if pos_errors is None else "POS" if pos_errors.observed else "nothing"
+        said.append(f"there is no control point: the datum of the block rests on {rests}")
+    if math.isfinite(factor) and tail < UNLIKELY:
+        said.append(
+            f"residuals are larger than their sigmas say: variance factor {factor:.3g} (probability of a larger one {tail:.1e}); "
+            "look for wrong tie points, or let the weights be estimated"
+        )
+    elif math.isfinite(factor) and factor < 0.5:
+        said.append(f"residuals are smaller than their sigmas say: variance factor {factor:.3g}")
+    groups = connections(block)
+    if len(groups) > 1:
+        small = min(groups, key=len)
+        said.append(f"no point ties {', '.join(small)} to the other images: only POS and control hold them together")
+    prior_only = [x.name for x, share in zip(unknowns, trust.data_share, strict=True) if share < 0.05]
+    if prior_only:
+        said.append(f"fixed by their priors alone: {', '.join(prior_only)}")
+    worst = int(np.nanargmax(squared.max(axis=1)))
+    if squared[worst].max() > 36:
+        said.append(f"the largest residual, {math.sqrt(squared[worst].max()):.1f} sigma, is that of {block.ray_label(worst)}")
+    return said

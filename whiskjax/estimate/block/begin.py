@@ -1,0 +1,55 @@
+"""Where an adjustment begins: poses, and points from their rays."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...chain.sensor import Sensor
+from ...rules import SensorError
+from ...rules.results import codes_of, message_of
+from ..intersection import intersect
+from .block import Block
+from .pos_errors import PosErrors
+from .prepare import prepare
+from .solve import gauss_newton
+
+
+def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[Sensor, Float[np.ndarray, "points 3"]]:
+    """A sensor and the approximate coordinates of every point that is seen.
+
+    Control points lie where they are given; all others where their rays meet. Without POS the poses may be far off: then the
+    images are first resected from their control points.
+
+    **Raises:** `SensorError` naming the first point whose rays do not meet.
+    """
+    control = block.role == "control"
+    point = np.where(control[:, None], block.position_m, np.nan)
+    if pos_errors is not None and not pos_errors.observed and control[block.point].any():
+        sensor = _resect(sensor, block.keep(control[block.point]), pos_errors)
+    rays = np.flatnonzero(~control[block.point])
+    if rays.size:
+        others = block.keep(rays)
+        seen, index = np.unique(others.point, return_inverse=True)
+        met = intersect(sensor, others.shot, jnp.asarray(others.pixel_px), index, jnp.asarray(others.sigma_px), throw=False)
+        codes = codes_of(met.result)
+        if codes.any():
+            i = int(np.argmax(codes != 0))
+            more = f" ({int((codes != 0).sum())} of {len(seen)} points fail)" if (codes != 0).sum() > 1 else ""
+            raise SensorError(f"{block.point_label(int(seen[i]))}: its rays do not meet: {_why(int(codes[i]))}{more}")
+        point[seen] = np.asarray(met.point_m)
+    return sensor, point
+
+
+def _resect(sensor: Sensor, seen: Block, pos_errors: PosErrors) -> Sensor:
+    """The poses from control points alone, held where nothing is seen by the sigmas that the start has."""
+    prepared = prepare(sensor, seen, (), dataclasses.replace(pos_errors, observed=True), seen.position_m)
+    solved = gauss_newton(prepared.ready, prepared.start)
+    return prepared.ready.unknowns.put(prepared.ready.sensor, solved.state.x, solved.state.u)
+
+
+def _why(code: int) -> str:
+    """Rank deficient means parallel here."""
+    message = message_of(code)
+    return "they are parallel, or nearly so; leave the point out" if "do not determine" in message else message

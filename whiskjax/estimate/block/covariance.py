@@ -1,0 +1,72 @@
+"""Residuals of rays and covariance of points at the solution, streamed over the chunks as the normal equations are."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...algebra.vectors import vsub
+from ...chain.imaging import image
+from .normal import chunk_rows
+from .prepare import Ready, State
+
+
+@eqx.filter_jit
+def evaluate(ready: Ready, state: State) -> Float[Array, "chunks units points rays 2"]:
+    """Residuals measured - projected in pixels."""
+    sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
+
+    def of(inputs):
+        chunk, at = inputs
+        point = tuple(jnp.broadcast_to(c[chunk.tile][:, :, None], chunk.pixel[0].shape) for c in at)
+        return vsub(chunk.pixel, image(sensor, chunk.shot, point))
+
+    x, y = jax.lax.map(of, (ready.tiles.chunks, state.points))
+    return jnp.stack([x, y], -1)
+
+
+@eqx.filter_jit
+def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Float[Array, "chunks tiles points 3 3"]:
+    """Covariance of the points, m^2: V^-1 + V^-1 W^T S^-1 W V^-1 = L^-T (1 + Z S^-1 Z^T) L^-1.
+
+    **Arguments:** `inverse`: of the reduced normal matrix S.
+    """
+    sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
+    stations, q, width = state.x.shape[1], state.u.shape[0], ready.tiles.width
+    m = 6 * stations
+    blocks = inverse[:m, :m].reshape(6, stations, 6, stations)
+    border, corner = inverse[:m, m:].reshape(6, stations, q), inverse[m:, m:]
+    zero = jnp.asarray(0, dtype=jnp.int32)
+
+    def of(inputs):
+        chunk, at = inputs
+        rows = chunk_rows(sensor, ready.unknowns, chunk, at, width, None)
+        rest = rows.point_rest[..., :q]
+        points = rest.shape[1]
+
+        def product(a, b):
+            """Z S^-1 Z^T of two units, (points, 3, 3)."""
+            block = jax.lax.dynamic_slice(blocks, (zero, chunk.start[a], zero, chunk.start[b]), (6, width, 6, width))
+            half = rows.seen[a] @ block.reshape(6 * width, 6 * width)
+            return jnp.einsum("pic,pjc->pij", half.reshape(points, 3, -1), rows.seen[b].reshape(points, 3, -1))
+
+        def add_unit(u, inner):
+            cross = jax.lax.dynamic_slice(border, (zero, chunk.start[u], zero), (6, width, q)).reshape(6 * width, q)
+            mixed = jnp.einsum("piq,pjq->pij", (rows.seen[u] @ cross).reshape(points, 3, q), rest[chunk.tile[u]])
+            return inner.at[chunk.tile[u]].add(product(u, u) + mixed + jnp.swapaxes(mixed, 1, 2))
+
+        def add_pair(k, inner):
+            a, b = chunk.pair[k, 0], chunk.pair[k, 1]
+            mixed = product(a, b)
+            return inner.at[chunk.tile[a]].add(mixed + jnp.swapaxes(mixed, 1, 2))
+
+        inner = jnp.eye(3) + jnp.einsum("tpiq,qr,tpjr->tpij", rest, corner, rest)
+        if width:
+            inner = jax.lax.fori_loop(0, chunk.units, add_unit, inner)
+            inner = jax.lax.fori_loop(0, chunk.pairs, add_pair, inner)
+        k00, k10, k11, k20, k21, k22 = rows.factor
+        none = jnp.zeros_like(k00)
+        lower = jnp.stack([jnp.stack(row, -1) for row in ((k00, none, none), (k10, k11, none), (k20, k21, k22))], -2)
+        return jnp.einsum("tpki,tpkl,tplj->tpij", lower, inner, lower)
+
+    return jax.lax.map(of, (ready.tiles.chunks, state.points))

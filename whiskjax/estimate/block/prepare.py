@@ -1,0 +1,185 @@
+"""A block made ready: tiles on the device, start values, priors."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...algebra.vectors import Vec3
+from ...chain.address import Address, make_room
+from ...chain.correction import AbstractUniform, Correction
+from ...chain.sensor import Sensor
+from ...chain.shot import KEYS, Shot
+from ...rules import WhiskjaxError
+from ..unknown import Unknown, admit, start_of
+from .block import Block
+from .normal import information_of
+from .plan import Plan, plan
+from .pos_errors import PosErrors
+from .tiles import Chunk, Tiles, Unknowns
+
+
+class State(eqx.Module):
+    """Where the adjustment is: whitened motions and unknowns, and the points, (chunks, tiles, points) each."""
+
+    x: Float[Array, "6 stations"]
+    u: Float[Array, " q"]
+    points: Vec3
+
+
+class Ready(eqx.Module):
+    """A block as numbers. `roots` and `prior` are the rows of POS and of the other unknowns' priors, whitened."""
+
+    sensor: Sensor
+    unknowns: Unknowns
+    tiles: Tiles
+    roots: Float[Array, "6 stations stations"]
+    prior: Float[Array, " q"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """`Ready` with what leads back from chunks to rays and points, on the host."""
+
+    ready: Ready
+    start: State
+    plan: Plan
+    block: Block
+
+    def by_ray(self, of_chunks: Any) -> Float[np.ndarray, "rays ..."]:
+        """From an array (chunks, units, points, rays, ...) to one row a ray."""
+        return _gathered(self.plan.ray, of_chunks, len(self.block))
+
+    def by_point(self, of_chunks: Any) -> Float[np.ndarray, "points ..."]:
+        """From an array (chunks, tiles, points, ...) to one row a point; NaN for points that nobody sees."""
+        return _gathered(self.plan.point, of_chunks, len(self.block.role))
+
+    def reweighed(self, weight: Float[np.ndarray, "rays 2"]) -> "Prepared":
+        """The same with other weights (one over sigma, 0 to leave out) of the rays."""
+        held = _components(np.where((self.plan.ray >= 0)[..., None], weight[self.plan.ray], 0.0), self.ready.tiles)
+        return dataclasses.replace(self, ready=eqx.tree_at(lambda r: r.tiles.chunks.weight, self.ready, held))
+
+
+def _gathered(index: np.ndarray, of_chunks: Any, size: int) -> np.ndarray:
+    array = np.asarray(of_chunks)[: len(index)]
+    out = np.full((size, *array.shape[index.ndim :]), np.nan)
+    out[index[index >= 0]] = array[index >= 0]
+    return out
+
+
+def prepare(
+    sensor: Sensor,
+    block: Block,
+    unknowns: Sequence[Unknown],
+    pos_errors: PosErrors | None,
+    start_m: Float[np.ndarray, "points 3"],
+) -> Prepared:
+    """**Arguments:** `start_m`: approximate coordinates of every point that some ray sees.
+
+    **Raises:** `WhiskjaxError` for unknowns, links or keys that make no sense.
+    """
+    if unknowns:
+        sensor = admit(sensor, unknowns)
+    for key in sensor.key_names():
+        if block.key(key) is None:
+            raise WhiskjaxError(f"the sensor tells its {key}s apart, but the rays of the block carry no {key}")
+    sigma, stations, roots = np.zeros(6), 0, np.zeros((6, 0, 0))
+    first, acting, segments = np.zeros(len(block), dtype=int), 1, (1,)
+    if pos_errors is not None:
+        for x in unknowns:
+            if any(place.link == pos_errors.link for place in x.places):
+                raise WhiskjaxError(f"unknown {x.name} lives in {pos_errors.link}, whose motions pos_errors already estimates")
+        for field in ("turn_rad", "shift_m"):
+            sensor = make_room(sensor, Address(pos_errors.link, (field,), (0, 0)))
+        link = pos_errors.stations(sensor)
+        sigma, stations, roots = pos_errors.sigma, link.stations, pos_errors.roots(sensor)
+        basis = link.basis if isinstance(link, Correction) else None
+        segments = basis.nodes if isinstance(basis, AbstractUniform) else (stations,)
+        pairs = link.acting(_shot(block, slice(None)))
+        first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
+    laid = plan(block.point, first, acting, segments)
+    start = np.array([start_of(sensor, x) for x in unknowns])
+    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
+    scale = np.array([x.size for x in unknowns])
+    numbers = Unknowns(
+        jnp.asarray(mean),
+        jnp.asarray(scale),
+        jnp.asarray(sigma),
+        None if pos_errors is None else pos_errors.link,
+        tuple(x.places for x in unknowns),
+    )
+    known = block.role == "control"
+    place = np.where(known[:, None], block.position_m, start_m)
+    tiles = _tiles(block, laid, place, information_of(block.covariance_m2, known))
+    points = _components(start_m[np.maximum(laid.point, 0)], tiles)
+    has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
+    ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
+    state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray((start - mean) / scale), points)
+    return Prepared(ready, state, laid, block)
+
+
+def _whitened_motions(sensor: Sensor, numbers: Unknowns, stations: int) -> Float[Array, "6 stations"]:
+    """What the sensor already holds of the stations' motions."""
+    if numbers.stations is None:
+        return jnp.zeros((6, 0))
+    held = np.zeros((6, stations))
+    turn, shift = sensor[numbers.stations].motions
+    for rows, part in ((slice(0, 3), turn), (slice(3, 6), shift)):
+        if part is not None:
+            held[rows] = np.asarray(part).T
+    sigma = np.asarray(numbers.sigma)[:, None]
+    return jnp.asarray(np.divide(held, sigma, out=np.zeros_like(held), where=sigma > 0))
+
+
+def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray) -> Tiles:
+    """Rays and points on the device; seats without a ray repeat one of the unit's rays with no weight."""
+    some = np.maximum(laid.ray.max(axis=(2, 3)), 0)
+    stand_in = np.where(laid.ray >= 0, laid.ray, some[:, :, None, None])
+    weight = np.where((laid.ray >= 0)[..., None], 1 / block.sigma_px[stand_in], 0.0)
+    seen, who = laid.point >= 0, np.maximum(laid.point, 0)
+    identity = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    held: Any = Chunk(
+        _shot(block, stand_in),
+        _columns(block.pixel_px[stand_in]),
+        _columns(weight),
+        _columns(place[who]),
+        _columns(np.where(seen[..., None], information[who], identity)),
+        *(jnp.asarray(a, dtype=jnp.int32) for a in (laid.tile, laid.start, laid.pair, laid.units, laid.pairs)),
+    )
+    size = _padded(len(laid.units))
+    grown = jax.tree.map(lambda a: jnp.asarray(_grown(np.asarray(a), size)), held)
+    return Tiles(grown, jnp.asarray(len(laid.units)), laid.width)
+
+
+def _shot(block: Block, index: Any) -> Shot:
+    picked: dict[str, Any] = {}
+    for name in ("time_s", *KEYS):
+        if (value := block.key(name)) is not None:
+            picked[name] = value[index]
+    return Shot(**picked)
+
+
+def _grown(a: np.ndarray, size: int) -> np.ndarray:
+    """Longer by copies of the last entry, which nobody reads."""
+    return np.concatenate([a, np.repeat(a[-1:], size - len(a), axis=0)])
+
+
+def _columns(a: np.ndarray) -> Any:
+    return tuple(np.ascontiguousarray(a[..., i]) for i in range(a.shape[-1]))
+
+
+def _components(a: np.ndarray, like: Tiles) -> Any:
+    """Components on the device, as long as the tiles' arrays."""
+    size = like.chunks.units.shape[0]
+    return tuple(jnp.asarray(_grown(column, size)) for column in _columns(a))
+
+
+def _padded(n: int) -> int:
+    """A number of which there are only a few: 8 to each doubling."""
+    step = max(1, 2 ** max(0, int(np.log2(n)) - 3))
+    return int(-(-n // step) * step)

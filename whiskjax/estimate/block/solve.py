@@ -1,0 +1,106 @@
+"""Gauss-Newton on the reduced normal equations, damped where a step would climb."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...algebra.vectors import Vec3
+from ...rules import RESULTS
+from ..losses import AbstractLoss
+from .normal import accumulate
+from .prepare import Ready, State
+
+_SETTLED = 1e-8  # of a prior sigma or scale
+_SAME_COST = 1e-12  # relative: below it a rise is rounding
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
+
+
+class Reduced(eqx.Module):
+    """Normal matrix, right side and cost of stations (axis by axis) and unknowns, points eliminated and priors included.
+
+    `cost` is the sum of squared whitened residuals with the points at their optimum; `observed` is the normal matrix of the rays
+    and control points alone.
+    """
+
+    observed: Float[Array, "m m"]
+    matrix: Float[Array, "m m"]
+    right: Float[Array, " m"]
+    cost: Float[Array, ""]
+
+
+class Solved(NamedTuple):
+    """The state at the optimum, the equations there, the number of steps, and how the iteration ended."""
+
+    state: State
+    reduced: Reduced
+    steps: int
+    result: RESULTS
+
+
+@eqx.filter_jit
+def reduce(ready: Ready, state: State, loss: AbstractLoss | None = None) -> tuple[Reduced, Vec3]:
+    """The reduced equations at a state, and the points moved to their optimum."""
+    stations, q = state.x.shape[1], state.u.shape[0]
+    sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
+    normal, points = accumulate(sensor, ready.unknowns, ready.tiles, state.points, loss)
+    m = 6 * stations
+    half = normal.half.reshape(m, m)
+    border = normal.border.reshape(m, q + 1)
+    corner = normal.corner
+    observed = jnp.block([[half + half.T, border[:, :q]], [border[:, :q].T, corner[:q, :q]]])
+    right = jnp.concatenate([border[:, q], corner[:q, q]])
+    residual = jnp.einsum("aek,ak->ae", ready.roots, state.x)
+    information = jnp.einsum("aei,aej->aij", ready.roots, ready.roots)
+    matrix = observed
+    for a in range(6):
+        place = slice(a * stations, (a + 1) * stations)
+        matrix = matrix.at[place, place].add(information[a])
+    pull = ready.prior**2
+    matrix = matrix.at[jnp.arange(m, m + q), jnp.arange(m, m + q)].add(pull)
+    right = right - jnp.concatenate([jnp.einsum("aek,ae->ak", ready.roots, residual).ravel(), pull * state.u])
+    cost = corner[q, q] + (residual**2).sum() + (pull * state.u**2).sum()
+    return Reduced(observed, matrix, right, cost), points
+
+
+@jax.jit
+def _step(matrix: Array, right: Array, damping: Array) -> Array:
+    damped = matrix + damping * jnp.eye(matrix.shape[0])
+    return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(damped), right)
+
+
+def gauss_newton(ready: Ready, state: State, max_steps: int = 30, loss: AbstractLoss | None = None) -> Solved:
+    """Minimise from a state.
+
+    A step that raises the cost is taken back and damped (Levenberg); under a robust loss, whose weights change from step to step,
+    every step is taken.
+    """
+    reduced, points = reduce(ready, state, loss)
+    damping, steps = 0.0, 0
+    while steps < max_steps:
+        step = np.asarray(_step(reduced.matrix, reduced.right, jnp.asarray(damping)))
+        if not np.isfinite(step).all():
+            if damping == 0.0 and steps == 0 and not np.isfinite(np.asarray(reduced.matrix)).all():
+                return Solved(state, reduced, steps, RESULTS.nonfinite)
+            if damping > _MOST_DAMPING:
+                return Solved(state, reduced, steps, RESULTS.rank_deficient)
+            damping = max(10 * damping, _FIRST_DAMPING)
+            continue
+        size = state.x.size
+        moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
+        there, relaxed = reduce(ready, moved, loss)
+        steps += 1
+        climbs = not float(there.cost) <= float(reduced.cost) * (1 + _SAME_COST)
+        if climbs and loss is None and np.abs(step).max() > _SETTLED:
+            damping = max(10 * damping, _FIRST_DAMPING)
+            if damping > _MOST_DAMPING:
+                return Solved(state, reduced, steps, RESULTS.not_converged)
+            continue
+        state, reduced, points = moved, there, relaxed
+        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
+        if np.abs(step).max() < _SETTLED * (1 if loss is None else 1e4) and damping == 0.0:
+            return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.successful)
+    return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.not_converged)

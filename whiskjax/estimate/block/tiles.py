@@ -1,0 +1,80 @@
+"""The rays and points of a block on the device, chunk by chunk, and what is unknown besides the points."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, Int
+
+from ...algebra.vectors import Component, Vec2, Vec3
+from ...chain.address import put
+from ...chain.sensor import Sensor
+from ...chain.shot import Shot
+from ...chain.stations import AbstractStations
+from .rays import Places
+
+
+class Chunk(eqx.Module):
+    """One chunk: fields as in `Tiles`, without their first axis."""
+
+    shot: Shot
+    pixel: Vec2
+    weight: Vec2
+    place: Vec3
+    prior: tuple[Component, ...]
+    tile: Int[Array, " units"]
+    start: Int[Array, " units"]
+    pair: Int[Array, "pairs 2"]
+    units: Int[Array, ""]
+    pairs: Int[Array, ""]
+
+
+class Tiles(eqx.Module):
+    """All chunks of a `Plan`.
+
+    Rays, (chunks, units, points, rays): `shot`, `pixel`, and `weight`, one over sigma, zero for a ray that takes no part.
+    Points, (chunks, tiles, points): `place` and `prior` of control points, the upper triangle of their information; the identity
+    where there is no point.
+    """
+
+    chunks: Chunk
+    count: Int[Array, ""]  # chunks that hold something: arrays are a little longer, so that few shapes are compiled
+    width: int = eqx.field(static=True)
+
+    def chunk(self, k: Any) -> Chunk:
+        """The k-th chunk."""
+        return jax.tree.map(lambda a: jax.lax.dynamic_index_in_dim(a, k, keepdims=False), self.chunks)
+
+
+class Unknowns(eqx.Module):
+    """What is estimated besides the points: value = mean + scale * u of each unknown, motion = sigma * x of each station."""
+
+    mean: Float[Array, " q"]
+    scale: Float[Array, " q"]
+    sigma: Float[Array, " 6"]
+    stations: str | None = eqx.field(static=True)
+    places: Places = eqx.field(static=True)
+
+    def stations_of(self, sensor: Sensor) -> int:
+        """How many stations there are."""
+        if self.stations is None:
+            return 0
+        link: AbstractStations = sensor[self.stations]
+        return link.stations
+
+    def put(self, sensor: Sensor, x: Float[Array, "6 stations"], u: Float[Array, " q"]) -> Sensor:
+        """The sensor with whitened motions and unknowns put in."""
+        value = self.mean + self.scale * u
+        pairs = [(place, value[k]) for k, places in enumerate(self.places) for place in places]
+        if pairs:
+            sensor = put(sensor, [p for p, _ in pairs], [v for _, v in pairs])
+        if self.stations is None:
+            return sensor
+        motions = (self.sigma[:, None] * x).T
+        link = sensor.names.index(self.stations)
+
+        def where(s: Sensor) -> Any:
+            held: Any = s.links[link]
+            return held.turn_rad, held.shift_m
+
+        return eqx.tree_at(where, sensor, (motions[:, :3], motions[:, 3:]), is_leaf=lambda leaf: leaf is None)
