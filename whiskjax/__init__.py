@@ -48,6 +48,11 @@ from .estimate.batch import Batch as Batch
 from .estimate.batch import calibrate_batch as calibrate_batch
 from .estimate.batch import calibrate_redrawn as calibrate_redrawn
 from .estimate.batch import images_of as images_of
+from .estimate.block.adjust import adjust as adjust
+from .estimate.block.adjustment import Adjustment as Adjustment
+from .estimate.block.block import Block as Block
+from .estimate.block.direct import direct_positioning as direct_positioning
+from .estimate.block.pos_errors import PosErrors as PosErrors
 from .estimate.blunders import Blunders as Blunders
 from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from ..algebra.vectors import Component
 from ..rules import RESULTS, WhiskjaxError
 from ..rules.results import choose
-from .chosen_camera import ChosenCamera
+from .chosen_camera import chosen_camera
 from .link import AbstractLink
 from .pose import Pose
 from .shot import KEYS, Shot
@@ -71,7 +71,7 @@ class By(AbstractLink):
         key = self._key_of(shot)
         if isinstance(key, int):
             return self.options[key].at(shot)
-        return ChosenCamera(key, tuple(option.at(shot) for option in self.options))
+        return chosen_camera(key, tuple(option.at(shot) for option in self.options))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the key exists, and the option's own check."""

@@ -3,14 +3,34 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..algebra.vectors import Component, Vec2, Vec3
 from ..rules import RESULTS
 from ..rules.results import choose
-from .camera import AbstractCamera
+from .camera import AbstractCamera, FrameCamera
+from .line_camera import LineCamera
 from .shot import Shot
+
+
+def chosen_camera(key: Int[Array, "..."], cameras: tuple[AbstractCamera, ...]) -> AbstractCamera:
+    """The camera of each element; cameras of one kind become one whose numbers are chosen, so that the image is taken once."""
+
+    def plain(camera: AbstractCamera) -> bool:
+        return isinstance(camera, FrameCamera | LineCamera) and camera.focal_px.ndim == 0
+
+    if not all(map(plain, cameras)) or len({jax.tree.structure(camera) for camera in cameras}) > 1:
+        return ChosenCamera(key, cameras)
+
+    def pick(*numbers: Array) -> Array:
+        value = numbers[0]
+        for i, number in enumerate(numbers[1:], start=1):
+            value = jnp.where(jnp.expand_dims(key == i, tuple(range(-number.ndim, 0))), number, value)
+        return value
+
+    return jax.tree.map(pick, *cameras)
 
 
 class ChosenCamera(AbstractCamera):

@@ -12,13 +12,13 @@ from .prepare import Ready, State
 
 
 @eqx.filter_jit
-def evaluate(ready: Ready, state: State) -> Float[Array, "chunks units points rays 2"]:
+def evaluate(ready: Ready, state: State) -> Float[Array, "chunks units rays points 2"]:
     """Residuals measured - projected in pixels."""
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
 
     def of(inputs):
         chunk, at = inputs
-        point = tuple(jnp.broadcast_to(c[chunk.tile][:, :, None], chunk.pixel[0].shape) for c in at)
+        point = tuple(jnp.broadcast_to(c[chunk.tile][:, None, :], chunk.pixel[0].shape) for c in at)
         return vsub(chunk.pixel, image(sensor, chunk.shot, point))
 
     x, y = jax.lax.map(of, (ready.tiles.chunks, state.points))
@@ -41,32 +41,35 @@ def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Flo
     def of(inputs):
         chunk, at = inputs
         rows = chunk_rows(sensor, ready.unknowns, chunk, at, width, None)
-        rest = rows.point_rest[..., :q]
-        points = rest.shape[1]
+        rest = rows.point_rest[:q]
+        points = rest.shape[-1]
+
+        def folded(half, other):
+            """(columns, 3, points) twice -> (3, 3, points), summed over the columns."""
+            return jnp.einsum("cip,cjp->ijp", half.reshape(-1, 3, points), other.reshape(-1, 3, points))
 
         def product(a, b):
-            """Z S^-1 Z^T of two units, (points, 3, 3)."""
+            """Z S^-1 Z^T of two units."""
             block = jax.lax.dynamic_slice(blocks, (zero, chunk.start[a], zero, chunk.start[b]), (6, width, 6, width))
-            half = rows.seen[a] @ block.reshape(6 * width, 6 * width)
-            return jnp.einsum("pic,pjc->pij", half.reshape(points, 3, -1), rows.seen[b].reshape(points, 3, -1))
+            return folded(block.reshape(6 * width, -1).T @ rows.seen[a], rows.seen[b])
 
         def add_unit(u, inner):
             cross = jax.lax.dynamic_slice(border, (zero, chunk.start[u], zero), (6, width, q)).reshape(6 * width, q)
-            mixed = jnp.einsum("piq,pjq->pij", (rows.seen[u] @ cross).reshape(points, 3, q), rest[chunk.tile[u]])
-            return inner.at[chunk.tile[u]].add(product(u, u) + mixed + jnp.swapaxes(mixed, 1, 2))
+            mixed = folded(cross.T @ rows.seen[u], rest[:, :, chunk.tile[u]])
+            return inner.at[:, :, chunk.tile[u]].add(product(u, u) + mixed + jnp.swapaxes(mixed, 0, 1))
 
         def add_pair(k, inner):
             a, b = chunk.pair[k, 0], chunk.pair[k, 1]
             mixed = product(a, b)
-            return inner.at[chunk.tile[a]].add(mixed + jnp.swapaxes(mixed, 1, 2))
+            return inner.at[:, :, chunk.tile[a]].add(mixed + jnp.swapaxes(mixed, 0, 1))
 
-        inner = jnp.eye(3) + jnp.einsum("tpiq,qr,tpjr->tpij", rest, corner, rest)
+        inner = jnp.eye(3)[:, :, None, None] + jnp.einsum("qitp,qr,rjtp->ijtp", rest, corner, rest)
         if width:
             inner = jax.lax.fori_loop(0, chunk.units, add_unit, inner)
             inner = jax.lax.fori_loop(0, chunk.pairs, add_pair, inner)
         k00, k10, k11, k20, k21, k22 = rows.factor
         none = jnp.zeros_like(k00)
         lower = jnp.stack([jnp.stack(row, -1) for row in ((k00, none, none), (k10, k11, none), (k20, k21, k22))], -2)
-        return jnp.einsum("tpki,tpkl,tplj->tpij", lower, inner, lower)
+        return jnp.einsum("tpki,kltp,tplj->tpij", lower, inner, lower)
 
     return jax.lax.map(of, (ready.tiles.chunks, state.points))

@@ -21,7 +21,7 @@ from ...algebra.vectors import Component, Vec3, total
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
 from ..losses import AbstractLoss
-from .rays import Dependence, depend
+from .rays import Dependence, depend, once
 from .tiles import Chunk, Tiles, Unknowns
 
 Factor = tuple[Component, ...]  # L^-1 of a point's 3x3 system: k00, k10, k11, k20, k21, k22
@@ -39,10 +39,11 @@ class Normal(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Whitened rows of a chunk. Of rays: `motion` (units, points, rays, 2, 6), `rest` (units, points, rays, 2, q+1) with the
-    residuals last, `window` (units, points, rays, width), the weight of each station of the window.
+    """Whitened rows of a chunk; points run along the last axis, so that every loop is a vector loop.
 
-    Of points, Z: `seen` (units, 3 points, 6 width), and `point_rest` (tiles, points, 3, q+1); their factor and L^-1 H^T r.
+    Of rays: `motion` (6, 2, units, rays, points), `rest` (q+1, 2, units, rays, points) with the residuals last, and `window`
+    (width, units, rays, points), the weight of each station of the window. Of points, Z: `seen` (units, 6 width, 3 points) and
+    `point_rest` (q+1, 3, tiles, points); their factor and L^-1 H^T r.
     """
 
     motion: Array
@@ -77,31 +78,34 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3, l
 
 def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width: int, loss: AbstractLoss | None) -> Rows:
     """Everything about one chunk that its products are made of."""
-    shape = chunk.pixel[0].shape
-    point = tuple(jnp.broadcast_to(c[chunk.tile][:, :, None], shape) for c in at)
+    units, rays, points = shape = chunk.pixel[0].shape
+    point = tuple(jnp.broadcast_to(c[chunk.tile][:, None, :], shape) for c in at)
     certain = chunk.units >= 0
-    found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.places, certain)
-    found = _whitened(found, unknowns, chunk, loss)
+
+    def whitened() -> Dependence:
+        found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.places, certain)
+        return _whitened(found, unknowns, chunk, loss)
+
+    found = once(whitened, certain)
     factor, right = _eliminate(found, chunk, at)
-    lower = jnp.stack([jnp.stack(forward(_of_units(factor, chunk), row), -1) for row in found.by_point], -2)
-    pairs = zip(found.by_unknown, found.residual, strict=True)
-    rest = jnp.stack([jnp.stack([*row, r], -1) for row, r in pairs], -2)
-    point_rest = jax.ops.segment_sum(jnp.einsum("uprai,upraq->upiq", lower, rest), chunk.tile, shape[0])
-    point_rest = point_rest.at[..., -1].set(jnp.stack(right, -1))
+    of_units = tuple(c[chunk.tile][:, None, :] for c in factor)
+    lower = [forward(of_units, row) for row in found.by_point]  # L^-1 H^T: of x and y, three each
+    rest = jnp.stack([jnp.stack(pair) for pair in (*zip(*found.by_unknown, strict=True), found.residual)])
+    terms = [[lower[a][i][:, r] * rest[:, a, :, r] for a in range(2) for r in range(rays)] for i in range(3)]
+    point_rest = _of_tiles(jnp.stack([total(t) for t in terms], axis=1), chunk)
+    point_rest = point_rest.at[-1].set(jnp.stack(right))
     if unknowns.stations is None:
-        none = jnp.zeros((*shape, 2, 0))
-        return Rows(none, rest, none[..., 0, :], jnp.zeros((shape[0], 3 * shape[1], 0)), point_rest, factor, right)
-    motion = jnp.stack([jnp.stack(row, -1) for row in found.by_motion], -2)
+        none = jnp.zeros((0, 2, *shape))
+        return Rows(none, rest, none[:, 0], jnp.zeros((units, 0, 3 * points)), point_rest, factor, right)
+    motion = jnp.stack([jnp.stack(pair) for pair in zip(*found.by_motion, strict=True)])
     window = _window(sensor[unknowns.stations], chunk, width)
+    z = jnp.stack([jnp.stack([lower[0][i] * m[0] + lower[1][i] * m[1] for i in range(3)]) for m in motion])
 
-    def spread(_, unit):
-        lower, motion, window = unit
-        z = lower[..., 0, :, None] * motion[..., 0, None, :] + lower[..., 1, :, None] * motion[..., 1, None, :]
-        seen = total(window[:, r, None, None, :] * z[:, r, :, :, None] for r in range(shape[2]))
-        return None, seen.reshape(3 * shape[1], -1)
+    def spread(u):
+        """(6, width, 3, points)."""
+        return total(window[:, u, r][:, None] * z[:, :, u, r][:, None] for r in range(rays)).reshape(-1, 3 * points)
 
-    _, seen = jax.lax.scan(spread, None, (lower, motion, window))
-    return Rows(motion, rest, window, seen, point_rest, factor, right)
+    return Rows(motion, rest, window, jax.lax.map(spread, jnp.arange(units)), point_rest, factor, right)
 
 
 def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk, loss: AbstractLoss | None) -> Dependence:
@@ -125,27 +129,28 @@ def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk, loss: Abstrac
 
 def _window(link: AbstractStations, chunk: Chunk, width: int) -> Array:
     """The weight of each station of the unit's window."""
-    seat = jnp.arange(width)
-    weights = jnp.zeros((*chunk.pixel[0].shape, width))
+    seat = jnp.arange(width)[:, None, None, None]
+    weights = jnp.zeros((width, *chunk.pixel[0].shape))
     for station, weight in link.acting(chunk.shot):
-        local = (station - chunk.start[:, None, None])[..., None]
-        spread = jnp.broadcast_to(jnp.asarray(weight, dtype=float), chunk.pixel[0].shape)[..., None]
-        weights = weights + jnp.where(local == seat, spread, 0.0)
+        local = station - chunk.start[:, None, None]
+        weights = weights + jnp.where(local == seat, jnp.broadcast_to(jnp.asarray(weight, dtype=float), local.shape), 0.0)
     return weights
+
+
+def _of_tiles(of_units: Array, chunk: Chunk) -> Array:
+    """Sums over the units of each tile: (..., units, points) -> (..., tiles, points)."""
+    member = (jnp.arange(len(chunk.tile))[:, None] == chunk.tile).astype(of_units.dtype)
+    return jnp.einsum("tu,...un->...tn", member, of_units)
 
 
 def _eliminate(found: Dependence, chunk: Chunk, at: Vec3) -> tuple[Factor, Vec3]:
     """The points' own systems: L^-1, and L^-1 times their right sides, (tiles, points) each."""
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-
-    def of_points(c: Component) -> Component:
-        return jax.ops.segment_sum(c.sum(axis=2), chunk.tile, c.shape[0])
-
-    normal = [of_points(total(row[i] * row[j] for row in found.by_point)) for i, j in pairs]
-    slope = [of_points(total(row[i] * r for row, r in zip(found.by_point, found.residual, strict=True))) for i in range(3)]
+    products = [total(row[i] * row[j] for row in found.by_point) for i in range(3) for j in range(i, 3)]
+    slopes = [total(row[i] * r for row, r in zip(found.by_point, found.residual, strict=True)) for i in range(3)]
+    *normal, sx, sy, sz = _of_tiles(jnp.stack([c.sum(axis=1) for c in (*products, *slopes)]), chunk)
     off = tuple(a - b for a, b in zip(chunk.place, at, strict=True))
     factor = inverse_lower(tuple(n + p for n, p in zip(normal, chunk.prior, strict=True)))
-    return factor, forward(factor, tuple(s + p for s, p in zip(slope, _pull(chunk.prior, off), strict=True)))
+    return factor, forward(factor, tuple(s + p for s, p in zip((sx, sy, sz), _pull(chunk.prior, off), strict=True)))
 
 
 def _pull(prior: tuple[Component, ...], off: Vec3) -> Vec3:
@@ -154,11 +159,6 @@ def _pull(prior: tuple[Component, ...], off: Vec3) -> Vec3:
     rows = (p00, p01, p02), (p01, p11, p12), (p02, p12, p22)
     x, y, z = (total(p * o for p, o in zip(row, off, strict=True)) for row in rows)
     return x, y, z
-
-
-def _of_units(of_tiles: tuple[Component, ...], chunk: Chunk) -> tuple[Component, ...]:
-    """Numbers of points, for the rays of every unit."""
-    return tuple(c[chunk.tile][:, :, None] for c in of_tiles)
 
 
 def forward(factor: Factor, v: Any) -> Vec3:
@@ -174,33 +174,34 @@ def backward(factor: Factor, v: Any) -> Vec3:
 
 
 def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows) -> Normal:
-    size = rows.rest.shape[-1]
-    own, points = rows.rest.reshape(-1, size), rows.point_rest.reshape(-1, size)
+    size, width = len(rows.rest), len(rows.window)
     off = tuple(a - b for a, b in zip(chunk.place, at, strict=True))
     pulled = total((p * o).sum() for p, o in zip(_pull(chunk.prior, off), off, strict=True))
-    corner = (normal.corner + own.T @ own - points.T @ points).at[-1, -1].add(pulled)
-    width = rows.window.shape[-1]
+    corner = normal.corner + _square(rows.rest.reshape(size, -1)) - _square(rows.point_rest.reshape(size, -1))
+    corner = corner.at[-1, -1].add(pulled)
+    if width == 0:
+        return Normal(normal.half, normal.border, corner)
 
     def add_unit(u, carry):
         half, border = carry
-        motion, window, seen, rest = (a[u] for a in (rows.motion, rows.window, rows.seen, rows.rest))
-        own = (window[:, :, None, None, :] * motion[..., None]).reshape(-1, 6 * width)
-        point_rest = rows.point_rest[chunk.tile[u]].reshape(-1, size)
-        block = 0.5 * (own.T @ own - seen.T @ seen)
-        side = own.T @ rest.reshape(-1, size) - seen.T @ point_rest
-        start = chunk.start[u]
+        own = (rows.window[:, None, u] * rows.motion[:, None, :, u]).reshape(6 * width, -1)
+        seen, start = rows.seen[u], chunk.start[u]
+        block = 0.5 * (_square(own) - _square(seen))
+        side = own @ rows.rest[:, :, u].reshape(size, -1).T - seen @ rows.point_rest[:, :, chunk.tile[u]].reshape(size, -1).T
         half = _add(half, block.reshape(6, width, 6, width), (0, start, 0, start))
         return half, _add(border, side.reshape(6, width, size), (0, start, 0))
 
     def add_pair(k, half):
         a, b = chunk.pair[k, 0], chunk.pair[k, 1]
-        block = -(rows.seen[a].T @ rows.seen[b])
+        block = -(rows.seen[a] @ rows.seen[b].T)
         return _add(half, block.reshape(6, width, 6, width), (0, chunk.start[a], 0, chunk.start[b]))
 
-    if width == 0:
-        return Normal(normal.half, normal.border, corner)
     half, border = jax.lax.fori_loop(0, chunk.units, add_unit, (normal.half, normal.border))
     return Normal(jax.lax.fori_loop(0, chunk.pairs, add_pair, half), border, corner)
+
+
+def _square(rows: Array) -> Array:
+    return rows @ rows.T
 
 
 def _add(whole: Array, block: Array, at: tuple[Any, ...]) -> Array:

@@ -20,13 +20,13 @@ _UNIT_COST = 3e5  # what a unit costs besides its products, in multiplications
 class Plan(NamedTuple):
     """Chunks of units; -1 where a seat is empty.
 
-    - `ray`: (chunks, units, points, rays), index of each ray; `tile`: (chunks, units), which tile of the chunk a unit belongs to.
+    - `ray`: (chunks, units, rays, points), index of each ray; `tile`: (chunks, units), which tile of the chunk a unit belongs to.
     - `point`: (chunks, tiles, points), index of each point; a chunk has as many tiles as units, at most.
     - `start`: (chunks, units), first station of each unit's window of `width` stations.
     - `pair`: (chunks, pairs, 2), units of one tile, each pair once; `units`, `pairs`: how many there are in each chunk.
     """
 
-    ray: Int[np.ndarray, "chunks units points rays"]
+    ray: Int[np.ndarray, "chunks units rays points"]
     tile: Int[np.ndarray, "chunks units"]
     point: Int[np.ndarray, "chunks tiles points"]
     start: Int[np.ndarray, "chunks units"]
@@ -169,4 +169,4 @@ def _chunks(shapes: Sequence[_Shape], point: np.ndarray, width: int) -> Plan:
     for c, some in enumerate(pairs):
         if some:
             pair[c, : len(some)] = some
-    return Plan(ray, tile, who, start, pair, units, np.array(list(map(len, pairs))), width)
+    return Plan(np.ascontiguousarray(ray.swapaxes(2, 3)), tile, who, start, pair, units, np.array(list(map(len, pairs))), width)

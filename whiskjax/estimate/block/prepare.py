@@ -52,7 +52,7 @@ class Prepared:
     block: Block
 
     def by_ray(self, of_chunks: Any) -> Float[np.ndarray, "rays ..."]:
-        """From an array (chunks, units, points, rays, ...) to one row a ray."""
+        """From an array (chunks, units, rays, points, ...) to one row a ray."""
         return _gathered(self.plan.ray, of_chunks, len(self.block))
 
     def by_point(self, of_chunks: Any) -> Float[np.ndarray, "points ..."]:

@@ -60,8 +60,8 @@ def depend(
     through, moved = sensor, None
     if stations is not None:
         link: AbstractStations = sensor[stations]
-        moved = _once(lambda: full(motion(link, shot)), certain)
-        pose = _once(lambda: full(link.moved(shot, *moved)), certain)
+        moved = once(lambda: full(motion(link, shot)), certain)
+        pose = once(lambda: full(link.moved(shot, *moved)), certain)
         through, shot = _given(sensor, shot, stations, pose)
     links = {place.link for of in places for place in of} | ({stations} if stations is not None else set())
 
@@ -71,7 +71,7 @@ def depend(
         met = {name: _Passage(outer[name], found.derivatives.get(name, ())) for name in sorted(links)}
         return full((vsub(pixel, found.pixel), found.derivatives["earth"], met))
 
-    residual, by_point, met = _once(seen, certain)
+    residual, by_point, met = once(seen, certain)
     by_motion: Any = ((), ())
     if stations is not None and moved is not None:
         by_motion = tuple(zip(*_by_motion(sensor[stations], shot, moved, met[stations]), strict=True))
@@ -79,7 +79,7 @@ def depend(
     return Dependence(residual, by_point, by_motion, tuple(zip(*columns, strict=True)) if columns else ((), ()))
 
 
-def _once(of: Callable[[], Any], certain: Array) -> Any:
+def once(of: Callable[[], Any], certain: Array) -> Any:
     """of(), evaluated once: XLA on the CPU evaluates a chain again in each loop that uses it, but not across a conditional."""
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(of))
     return jax.lax.cond(certain, of, lambda: nothing)

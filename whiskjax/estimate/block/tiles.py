@@ -32,7 +32,7 @@ class Chunk(eqx.Module):
 class Tiles(eqx.Module):
     """All chunks of a `Plan`.
 
-    Rays, (chunks, units, points, rays): `shot`, `pixel`, and `weight`, one over sigma, zero for a ray that takes no part.
+    Rays, (chunks, units, rays, points): `shot`, `pixel`, and `weight`, one over sigma, zero for a ray that takes no part.
     Points, (chunks, tiles, points): `place` and `prior` of control points, the upper triangle of their information; the identity
     where there is no point.
     """
