@@ -10,8 +10,11 @@ from jaxtyping import Array, Bool, Float
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
 from ...rules.results import codes_of, message_of
+from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
 from ..unknown import Unknown, assign
+from ..variance_components import Components
+from . import weights
 from .adjustment import Adjustment, Trust
 from .begin import begin
 from .block import Block
@@ -20,6 +23,7 @@ from .covariance import covariances, evaluate
 from .pos_errors import AXES, PosErrors
 from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
+from .wrong_ties import snoop
 
 
 def adjust(
@@ -29,6 +33,8 @@ def adjust(
     *,
     pos_errors: PosErrors | None = None,
     start_m: Float[np.ndarray, "points 3"] | None = None,
+    blunders: Blunders | None = None,
+    reweigh: bool = False,
     max_steps: int = 30,
     throw: bool = True,
 ) -> Adjustment:
@@ -45,6 +51,8 @@ def adjust(
     - `pos_errors`: the link whose motions at stations (orientation images, spline coefficients, images) are estimated, and how
       large and how correlated POS errors are; None keeps the trajectory as it is.
     - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values.
+    - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
+    - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
     - `throw`: raise where the block cannot be solved; else look at `result`.
 
     **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so.
@@ -60,7 +68,14 @@ def adjust(
         sensor, start_m = begin(sensor, block, pos_errors)
     prepared = prepare(sensor, block, unknowns, pos_errors, np.asarray(start_m, dtype=float))
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
-    return report(prepared, solved, unknowns, pos_errors, np.ones(len(block), dtype=bool), throw)
+    used, found = np.ones(len(block), dtype=bool), None
+    if int(codes_of(solved.result)) == 0:
+        for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
+            if blunders is not None:
+                prepared, solved, used = snoop(prepared, solved, blunders)
+            if reweigh:
+                prepared, solved, found = weights.reweigh(prepared, solved, used)
+    return report(prepared, solved, unknowns, pos_errors, used, found, throw)
 
 
 def report(
@@ -69,6 +84,7 @@ def report(
     unknowns: Sequence[Unknown],
     pos_errors: PosErrors | None,
     used: Bool[np.ndarray, " rays"],
+    found: Components | None,
     throw: bool,
 ) -> Adjustment:
     """What people want to know of a solution."""
@@ -81,11 +97,13 @@ def report(
         raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
     state = solved.state
     residual, point, covariance = _evaluated(prepared, state, inverse)
+    nowhere = prepared.lone(used)
+    point[nowhere], covariance[nowhere] = np.nan, np.nan
     numbers = ready.unknowns
     size = state.x.size
     value = np.asarray(numbers.mean) + np.asarray(numbers.scale) * np.asarray(state.u)
     trust = _trust(ready, state, inverse)
-    squared = (residual / block.sigma_px) ** 2
+    squared = np.where(used[:, None], (residual / block.sigma_px) ** 2, 0.0)
     control = block.role == "control"
     freedom = (
         2 * int(used.sum())
@@ -111,6 +129,7 @@ def report(
         covariance_m2=covariance,
         residual_px=residual,
         used=used,
+        components=found,
         cost=cost,
         freedom=freedom,
         variance_factor=factor,
@@ -118,7 +137,7 @@ def report(
         is_consistent=sound,
         steps=solved.steps,
         result=result,
-        warnings=tuple(_warnings(block, pos_errors, factor, tail, squared, trust, unknowns)),
+        warnings=tuple(_warnings(block, used, pos_errors, factor, tail, squared, trust, unknowns)),
     )
 
 
@@ -174,6 +193,7 @@ def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], pos_e
 
 def _warnings(
     block: Block,
+    used: Bool[np.ndarray, " rays"],
     pos_errors: PosErrors | None,
     factor: float,
     tail: float,
@@ -192,7 +212,11 @@ def _warnings(
         )
     elif math.isfinite(factor) and factor < 0.5:
         said.append(f"residuals are smaller than their sigmas say: variance factor {factor:.3g}")
-    groups = connections(block)
+    if not used.all():
+        lost = np.setdiff1d(block.point[~used], block.point[used]).size
+        touched = len(np.unique(block.point[~used]))
+        said.append(f"{int((~used).sum())} rays of {touched} points are wrong and left out; {lost} points lose all of their rays")
+    groups = connections(block.keep(used))
     if len(groups) > 1:
         small = min(groups, key=len)
         said.append(f"no point ties {', '.join(small)} to the other images: only POS and control hold them together")

@@ -10,6 +10,7 @@ from ...chain.sensor import Sensor
 from ...rules import RESULTS
 from ...rules.results import codes_of
 from ..unknown import Unknown
+from ..variance_components import Components
 from .block import Block
 from .pos_errors import PosErrors
 
@@ -50,7 +51,7 @@ class Adjustment:
 
     - `sensor`: with the solution put in; `value`, `start`: of the unknowns, in the units of their fields.
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
-    - `used`: rays that took part.
+    - `used`: rays that took part; `components`: factors on the given sigmas, where weights were estimated (`block` has the new).
     - `cost`: the sum of squared whitened residuals, POS and priors included; `variance_factor` divides it by `freedom`.
     """
 
@@ -65,6 +66,7 @@ class Adjustment:
     covariance_m2: Float[np.ndarray, "points 3 3"]
     residual_px: Float[np.ndarray, "rays 2"]
     used: Bool[np.ndarray, " rays"]
+    components: Components | None
     cost: float
     freedom: int
     variance_factor: float

@@ -81,6 +81,14 @@ class Block:
         value = getattr(self.shot, name)
         return None if value is None else np.broadcast_to(np.asarray(value), (len(self),))
 
+    def shots(self, index: Any = slice(None)) -> Shot:
+        """The shots of rays, by index of any shape."""
+        picked: dict[str, Any] = {}
+        for name in ("time_s", *KEYS):
+            if (value := self.key(name)) is not None:
+                picked[name] = value[index]
+        return Shot(**picked)
+
     def point_label(self, i: int) -> str:
         """A point, named for people."""
         return f"point {self.points[i]}" if len(self.points) else f"point {i}"
@@ -93,14 +101,10 @@ class Block:
     def keep(self, rays: np.ndarray) -> "Block":
         """The block with those rays only, by mask or index; all points stay, seen or not."""
         index = np.arange(len(self))[rays]
-        picked: dict[str, Any] = {}
-        for name in ("time_s", *KEYS):
-            if (value := self.key(name)) is not None:
-                picked[name] = value[index]
         images = [self.images[int(i)] for i in index] if len(self.images) else ()
         return dataclasses.replace(
             self,
-            shot=Shot(**picked),
+            shot=self.shots(index),
             pixel_px=self.pixel_px[index],
             sigma_px=self.sigma_px[index],
             point=self.point[index],

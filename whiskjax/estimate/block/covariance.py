@@ -40,7 +40,7 @@ def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Flo
 
     def of(inputs):
         chunk, at = inputs
-        rows = chunk_rows(sensor, ready.unknowns, chunk, at, width, None)
+        rows = chunk_rows(sensor, ready.unknowns, chunk, at, width)
         rest = rows.point_rest[:q]
         points = rest.shape[-1]
 

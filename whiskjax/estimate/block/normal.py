@@ -20,7 +20,6 @@ from ...algebra.symmetric import inverse_lower
 from ...algebra.vectors import Component, Vec3, total
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
-from ..losses import AbstractLoss
 from .rays import Dependence, depend, once
 from .tiles import Chunk, Tiles, Unknowns
 
@@ -55,7 +54,7 @@ class Rows(NamedTuple):
     right: Vec3
 
 
-def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3, loss: AbstractLoss | None) -> tuple[Normal, Vec3]:
+def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3) -> tuple[Normal, Vec3]:
     """The normal equations of all rays and control points.
 
     **Arguments:** `sensor`: with the current values put in; `points`: where the points are taken, (chunks, tiles, points) each.
@@ -68,7 +67,7 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3, l
     def add(k, carry):
         normal, points = carry
         chunk, at = tiles.chunk(k), tuple(c[k] for c in points)
-        rows = chunk_rows(sensor, unknowns, chunk, at, tiles.width, loss)
+        rows = chunk_rows(sensor, unknowns, chunk, at, tiles.width)
         normal = _add_chunk(normal, chunk, at, rows)
         moved = tuple(a + s for a, s in zip(at, backward(rows.factor, rows.right), strict=True))
         return normal, tuple(jax.lax.dynamic_update_index_in_dim(c, m, k, 0) for c, m in zip(points, moved, strict=True))
@@ -76,7 +75,7 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3, l
     return jax.lax.fori_loop(0, tiles.count, add, (nothing, points))
 
 
-def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width: int, loss: AbstractLoss | None) -> Rows:
+def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width: int) -> Rows:
     """Everything about one chunk that its products are made of."""
     units, rays, points = shape = chunk.pixel[0].shape
     point = tuple(jnp.broadcast_to(c[chunk.tile][:, None, :], shape) for c in at)
@@ -84,7 +83,7 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
 
     def whitened() -> Dependence:
         found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.places, certain)
-        return _whitened(found, unknowns, chunk, loss)
+        return _whitened(found, unknowns, chunk)
 
     found = once(whitened, certain)
     factor, right = _eliminate(found, chunk, at)
@@ -108,13 +107,9 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
     return Rows(motion, rest, window, jax.lax.map(spread, jnp.arange(units)), point_rest, factor, right)
 
 
-def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk, loss: AbstractLoss | None) -> Dependence:
+def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk) -> Dependence:
     """Residuals and derivatives over their sigmas, by whitened unknowns; points stay in metres."""
     weight = chunk.weight
-    if loss is not None:
-        x, y = (w * r for w, r in zip(weight, found.residual, strict=True))
-        root = jnp.sqrt(loss.weight(x * x + y * y))
-        weight = tuple(w * root for w in weight)
 
     def over(rows: Any, scale: Any) -> Any:
         return tuple(tuple(w * scale[i] * c for i, c in enumerate(row)) for w, row in zip(weight, rows, strict=True))

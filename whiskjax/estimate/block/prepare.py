@@ -8,13 +8,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...algebra.vectors import Vec3
 from ...chain.address import Address, make_room
 from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
-from ...chain.shot import KEYS, Shot
 from ...rules import WhiskjaxError
 from ..unknown import Unknown, admit, start_of
 from .block import Block
@@ -59,10 +58,27 @@ class Prepared:
         """From an array (chunks, tiles, points, ...) to one row a point; NaN for points that nobody sees."""
         return _gathered(self.plan.point, of_chunks, len(self.block.role))
 
-    def reweighed(self, weight: Float[np.ndarray, "rays 2"]) -> "Prepared":
-        """The same with other weights (one over sigma, 0 to leave out) of the rays."""
+    def weighted(self, weight: Float[np.ndarray, "rays 2"], state: State) -> "Prepared":
+        """The same with other weights (one over sigma) of the rays, 0 to leave out, starting from a state.
+
+        Points that keep fewer rays than two, and are no control points, stay where they are and take no part.
+        """
+        lone = self.lone(weight[:, 0] > 0)
+        weight = np.where(lone[self.block.point][:, None], 0.0, weight)
         held = _components(np.where((self.plan.ray >= 0)[..., None], weight[self.plan.ray], 0.0), self.ready.tiles)
-        return dataclasses.replace(self, ready=eqx.tree_at(lambda r: r.tiles.chunks.weight, self.ready, held))
+        known = self.block.role == "control"
+        information = _information(self.plan, information_of(self.block.covariance_m2, known), lone)
+        control = _components((known[self.plan.point] & (self.plan.point >= 0))[..., None], self.ready.tiles)[0]
+        tiles = self.ready.tiles
+        place = tuple(jnp.where(control, p, at) for p, at in zip(tiles.chunks.place, state.points, strict=True))
+        changed = (held, place, _components(information, tiles))
+        tiles = eqx.tree_at(lambda t: (t.chunks.weight, t.chunks.place, t.chunks.prior), tiles, changed)
+        return dataclasses.replace(self, ready=eqx.tree_at(lambda r: r.tiles, self.ready, tiles), start=state)
+
+    def lone(self, used: Bool[np.ndarray, " rays"]) -> Bool[np.ndarray, " points"]:
+        """Points that fewer than two used rays see, and that are no control points."""
+        count = np.bincount(self.block.point[used], minlength=len(self.block.role))
+        return (count < 2) & (self.block.role != "control")
 
 
 def _gathered(index: np.ndarray, of_chunks: Any, size: int) -> np.ndarray:
@@ -100,7 +116,7 @@ def prepare(
         sigma, stations, roots = pos_errors.sigma, link.stations, pos_errors.roots(sensor)
         basis = link.basis if isinstance(link, Correction) else None
         segments = basis.nodes if isinstance(basis, AbstractUniform) else (stations,)
-        pairs = link.acting(_shot(block, slice(None)))
+        pairs = link.acting(block.shots())
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
     laid = plan(block.point, first, acting, segments)
     start = np.array([start_of(sensor, x) for x in unknowns])
@@ -141,14 +157,13 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
     some = np.maximum(laid.ray.max(axis=(2, 3)), 0)
     stand_in = np.where(laid.ray >= 0, laid.ray, some[:, :, None, None])
     weight = np.where((laid.ray >= 0)[..., None], 1 / block.sigma_px[stand_in], 0.0)
-    seen, who = laid.point >= 0, np.maximum(laid.point, 0)
-    identity = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    who = np.maximum(laid.point, 0)
     held: Any = Chunk(
-        _shot(block, stand_in),
+        block.shots(stand_in),
         _columns(block.pixel_px[stand_in]),
         _columns(weight),
         _columns(place[who]),
-        _columns(np.where(seen[..., None], information[who], identity)),
+        _columns(_information(laid, information, np.zeros(len(information), dtype=bool))),
         *(jnp.asarray(a, dtype=jnp.int32) for a in (laid.tile, laid.start, laid.pair, laid.units, laid.pairs)),
     )
     size = _padded(len(laid.units))
@@ -156,12 +171,11 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
     return Tiles(grown, jnp.asarray(len(laid.units)), laid.width)
 
 
-def _shot(block: Block, index: Any) -> Shot:
-    picked: dict[str, Any] = {}
-    for name in ("time_s", *KEYS):
-        if (value := block.key(name)) is not None:
-            picked[name] = value[index]
-    return Shot(**picked)
+def _information(laid: Plan, information: np.ndarray, lone: np.ndarray) -> np.ndarray:
+    """Of the points of every tile; the identity where there is no point, or one that takes no part."""
+    identity = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    takes_part = (laid.point >= 0) & ~lone[laid.point]
+    return np.where(takes_part[..., None], information[laid.point], identity)
 
 
 def _grown(a: np.ndarray, size: int) -> np.ndarray:

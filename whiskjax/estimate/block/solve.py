@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 
 from ...algebra.vectors import Vec3
 from ...rules import RESULTS
-from ..losses import AbstractLoss
 from .normal import accumulate
 from .prepare import Ready, State
 
@@ -42,11 +41,11 @@ class Solved(NamedTuple):
 
 
 @eqx.filter_jit
-def reduce(ready: Ready, state: State, loss: AbstractLoss | None = None) -> tuple[Reduced, Vec3]:
+def reduce(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     """The reduced equations at a state, and the points moved to their optimum."""
     stations, q = state.x.shape[1], state.u.shape[0]
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
-    normal, points = accumulate(sensor, ready.unknowns, ready.tiles, state.points, loss)
+    normal, points = accumulate(sensor, ready.unknowns, ready.tiles, state.points)
     m = 6 * stations
     half = normal.half.reshape(m, m)
     border = normal.border.reshape(m, q + 1)
@@ -72,13 +71,12 @@ def _step(matrix: Array, right: Array, damping: Array) -> Array:
     return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(damped), right)
 
 
-def gauss_newton(ready: Ready, state: State, max_steps: int = 30, loss: AbstractLoss | None = None) -> Solved:
+def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
     """Minimise from a state.
 
-    A step that raises the cost is taken back and damped (Levenberg); under a robust loss, whose weights change from step to step,
-    every step is taken.
+    A step that raises the cost is taken back and damped (Levenberg).
     """
-    reduced, points = reduce(ready, state, loss)
+    reduced, points = reduce(ready, state)
     damping, steps = 0.0, 0
     while steps < max_steps:
         step = np.asarray(_step(reduced.matrix, reduced.right, jnp.asarray(damping)))
@@ -91,16 +89,16 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30, loss: Abstract
             continue
         size = state.x.size
         moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
-        there, relaxed = reduce(ready, moved, loss)
+        there, relaxed = reduce(ready, moved)
         steps += 1
         climbs = not float(there.cost) <= float(reduced.cost) * (1 + _SAME_COST)
-        if climbs and loss is None and np.abs(step).max() > _SETTLED:
+        if climbs and np.abs(step).max() > _SETTLED:
             damping = max(10 * damping, _FIRST_DAMPING)
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.not_converged)
             continue
         state, reduced, points = moved, there, relaxed
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
-        if np.abs(step).max() < _SETTLED * (1 if loss is None else 1e4) and damping == 0.0:
+        if np.abs(step).max() < _SETTLED and damping == 0.0:
             return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.successful)
     return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.not_converged)

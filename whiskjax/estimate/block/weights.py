@@ -1,0 +1,103 @@
+"""Weights from the data: variance components of tie rays, of control points, and of POS attitude and position.
+
+Each group's sum of squared whitened residuals is set against its redundancy, the number of its observations less what the
+estimation takes of them (Foerstner 1979); repeated until the factors stand still. Redundancies come from the reduced equations
+alone: of N = N_g + rest, tr(N^-1 N_g) needs only the share of the group in the reduced matrix, and three unknowns a point.
+"""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..variance_components import Components
+from .covariance import evaluate
+from .prepare import Prepared, State
+from .solve import Solved, gauss_newton, reduce
+
+_ROUNDS = 25
+_SAME_FACTOR = 3e-3  # of a logarithm
+_LONGEST = np.log(3.0)  # a factor changes by at most this much in one round: redundancies move with it
+
+_TIES, _CONTROL, _TURN, _SHIFT = range(4)
+_NAMES = ("tie rays", "control and check points", "POS attitude", "POS position")
+
+
+def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray) -> tuple[Prepared, Solved, Components]:
+    """Solve again and again with sigmas as large as the residuals say.
+
+    Groups: rays of tie points; rays of control and check points together with the control points' coordinates; POS attitude;
+    POS position. A group that has nothing to say (no such observations, no redundancy) keeps its sigma.
+
+    **Arguments:** `used`: rays that take part.
+    """
+    block, log_factor = prepared.block, np.zeros(4)
+    marked = block.role[block.point] != "tie"
+    given = prepared
+    for _ in range(_ROUNDS):
+        squares, redundancy, count = _groups(prepared, solved, used, marked)
+        speaks = redundancy > 0.5
+        step = np.where(speaks, 0.5 * np.log(np.maximum(squares, 1e-300) / np.where(speaks, redundancy, 1.0)), 0.0)
+        if np.abs(step).max() < _SAME_FACTOR:
+            break
+        log_factor += np.clip(step, -_LONGEST, _LONGEST)
+        prepared = _rescaled(given, np.exp(log_factor), solved.state, used, marked)
+        solved = gauss_newton(prepared.ready, prepared.start)
+    _, redundancy, count = _groups(prepared, solved, used, marked)
+    there = count > 0
+    names = tuple(name for name, some in zip(_NAMES, there, strict=True) if some)
+    is_prior = np.array([False, False, True, True])[there]
+    uncertain = 1 / np.sqrt(2 * np.maximum(redundancy[there], 1e-9))
+    return prepared, solved, Components(names, is_prior, count[there], np.exp(log_factor[there]), uncertain)
+
+
+def _rescaled(given: Prepared, factor: np.ndarray, state: State, used: np.ndarray, marked: np.ndarray) -> Prepared:
+    """The block with other sigmas: rays by their weights, control coordinates by their covariance, POS by its rows."""
+    of_ray = np.where(marked, factor[_CONTROL], factor[_TIES])
+    block = dataclasses.replace(
+        given.block,
+        sigma_px=given.block.sigma_px * of_ray[:, None],
+        covariance_m2=given.block.covariance_m2 * factor[_CONTROL] ** 2,
+    )
+    weight = np.where(used[:, None], 1 / block.sigma_px, 0.0)
+    roots = given.ready.roots / jnp.asarray(np.repeat(factor[[_TURN, _SHIFT]], 3))[:, None, None]
+    prepared = dataclasses.replace(given, block=block).weighted(weight, state)
+    return dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.roots, prepared.ready, roots))
+
+
+def _groups(
+    prepared: Prepared, solved: Solved, used: np.ndarray, marked: np.ndarray
+) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 4"], np.ndarray]:
+    """Sums of squares, redundancies and numbers of observations of the four groups."""
+    ready, state, block = prepared.ready, solved.state, prepared.block
+    inverse = np.linalg.inv(np.asarray(solved.reduced.matrix))
+    stations = state.x.shape[1]
+    # What control and check points alone give to the reduced matrix; the rest of it comes from the ties.
+    control = block.role == "control"
+    some = used & ~prepared.lone(used)[block.point]
+    alone = prepared.weighted(np.where((some & marked)[:, None], 1 / block.sigma_px, 0.0), state)
+    of_marked = np.asarray(reduce(alone.ready, state)[0].observed)
+    taken_marked = float(np.sum(inverse * of_marked))
+    taken_ties = float(np.sum(inverse * np.asarray(solved.reduced.observed))) - taken_marked
+    residual = prepared.by_ray(evaluate(ready, state)) / block.sigma_px
+    squared = np.where(some, (residual**2).sum(axis=1), 0.0)
+    point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
+    off = np.where(control[:, None], np.nan_to_num(point - block.position_m), 0.0)[control]
+    pulled = np.einsum("ni,nij,nj->", off, np.linalg.inv(block.covariance_m2[control] + 1e-12 * np.eye(3)), off)
+    seen = np.unique(block.point[some])
+    ties, others = int((block.role[seen] == "tie").sum()), int((block.role[seen] == "check").sum())
+    roots, x = np.asarray(ready.roots), np.asarray(state.x)
+    information = np.einsum("aei,aej->aij", roots, roots)
+    blocks = inverse[: 6 * stations, : 6 * stations].reshape(6, stations, 6, stations)
+    pos_squares = (np.einsum("aek,ak->ae", roots, x) ** 2).sum(axis=1)
+    pos_taken = np.array([np.sum(blocks[a, :, a] * information[a]) for a in range(6)])
+    moves = np.asarray(ready.unknowns.sigma) > 0
+    pos_count = np.where(moves, (np.abs(roots).sum(axis=2) > 0).sum(axis=1), 0)
+    pos_taken, pos_squares = np.where(moves, pos_taken, 0.0), np.where(moves, pos_squares, 0.0)
+    squares = [squared[~marked].sum(), squared[marked].sum() + pulled, pos_squares[:3].sum(), pos_squares[3:].sum()]
+    count = [2 * int((some & ~marked).sum()), 2 * int((some & marked).sum()) + 3 * int(control.sum())]
+    count += [int(pos_count[:3].sum()), int(pos_count[3:].sum())]
+    taken = [taken_ties + 3 * ties, taken_marked + 3 * (others + int(control.sum())), pos_taken[:3].sum(), pos_taken[3:].sum()]
+    return np.array(squares, dtype=float), np.array(count) - np.array(taken), np.array(count)
