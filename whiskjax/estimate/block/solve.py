@@ -14,7 +14,7 @@ from .normal import accumulate
 from .prepare import Ready, State
 
 _SETTLED = 1e-8  # of a prior sigma or scale
-_SAME_COST = 1e-12  # relative: below it a rise is rounding
+_SAME_COST = 1e-10  # relative: below it a rise is rounding
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 
 
@@ -96,6 +96,9 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
             damping = max(10 * damping, _FIRST_DAMPING)
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.not_converged)
+            # The cost there was that of points moved to first order: compare with it where they have arrived.
+            state = State(state.x, state.u, points)
+            reduced, points = reduce(ready, state)
             continue
         state, reduced, points = moved, there, relaxed
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
