@@ -53,6 +53,8 @@ from .estimate.block.adjustment import Adjustment as Adjustment
 from .estimate.block.block import Block as Block
 from .estimate.block.direct import direct_positioning as direct_positioning
 from .estimate.block.pos_errors import PosErrors as PosErrors
+from .estimate.block.two_step import TwoStep as TwoStep
+from .estimate.block.two_step import two_step as two_step
 from .estimate.blunders import Blunders as Blunders
 from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Int
 
 _RAYS_AT_ONCE = 4096  # what the chain is evaluated for in one go: enough for vector loops, little enough for the cache
-_TILE_POINTS = (16, 32, 64, 128)
-_SLACKS = (1, 2, 3, 4, 6, 8)
+_TILE_POINTS = (16, 32, 48, 64, 128)
+_SLACKS = (0, 1, 2, 3, 4, 6, 8)
 _UNIT_COST = 3e5  # what a unit costs besides its products, in multiplications
 
 
