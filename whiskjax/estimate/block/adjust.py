@@ -1,5 +1,6 @@
 """Block adjustment: trajectory, mounts, cameras and points from the rays of control and tie points together."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -20,6 +21,7 @@ from .begin import begin
 from .block import Block
 from .connect import connections, refuse_lonely
 from .covariance import covariances, evaluate
+from .crossing import at_crossing, refuse_unrecorded
 from .pos_errors import AXES, PosErrors
 from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
@@ -35,6 +37,7 @@ def adjust(
     start_m: Float[np.ndarray, "points 3"] | None = None,
     blunders: Blunders | None = None,
     reweigh: bool = False,
+    retime: bool = True,
     max_steps: int = 30,
     throw: bool = True,
 ) -> Adjustment:
@@ -53,6 +56,8 @@ def adjust(
     - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values.
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
     - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
+    - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
+      taken for geometry (crossing.py); `Adjustment.block` is the block so timed. Off, the block is adjusted as it is.
     - `throw`: raise where the block cannot be solved; else look at `result`.
 
     **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so.
@@ -64,10 +69,14 @@ def adjust(
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
     refuse_lonely(block)
+    refuse_unrecorded(sensor, block)
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
     prepared = prepare(sensor, block, unknowns, pos_errors, np.asarray(start_m, dtype=float))
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
+    if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
+        prepared = retimed(prepared, solved.state, unknowns, pos_errors)
+        solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     used, found = np.ones(len(block), dtype=bool), None
     if int(codes_of(solved.result)) == 0:
         for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
@@ -76,6 +85,15 @@ def adjust(
             if reweigh:
                 prepared, solved, found = weights.reweigh(prepared, solved, used)
     return report(prepared, solved, unknowns, pos_errors, used, found, throw)
+
+
+def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> Prepared:
+    """The block with every ray at the crossing of its fitted point, to be solved again from the state."""
+    ready = prepared.ready
+    point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
+    block = at_crossing(ready.unknowns.put(ready.sensor, state.x, state.u), prepared.block, point)
+    again = prepare(ready.sensor, block, unknowns, pos_errors, point)
+    return dataclasses.replace(again, start=State(state.x, state.u, again.start.points))
 
 
 def report(

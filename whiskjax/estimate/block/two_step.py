@@ -25,11 +25,12 @@ from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...rules import WhiskjaxError
 from ..unknown import Unknown, admit, assign
-from .adjust import report
+from .adjust import report, retimed
 from .adjustment import Adjustment
 from .begin import begin
 from .block import Block
 from .connect import refuse_lonely
+from .crossing import refuse_unrecorded
 from .pos_errors import PosErrors
 from .prepare import Prepared, State, prepare
 from .solve import Reduced, gauss_newton
@@ -86,6 +87,7 @@ def two_step(
     if lost or not mounts:
         raise WhiskjaxError(f"two_step: {', '.join(lost) or 'no mount'} is not among the unknowns {', '.join(names)}")
     refuse_lonely(block)
+    refuse_unrecorded(sensor, block)
     second = [x for x in unknowns if x.name in mounts]
     first = [x for x in unknowns if x.name not in mounts]
     sensor, start_m = begin(admit(sensor, unknowns), block, pos_errors)
@@ -93,10 +95,13 @@ def two_step(
     state, value = prepared.start, np.array([float(read(sensor, x.places[0])) for x in second])
     mean = np.array([v if x.mean is None else x.mean for x, v in zip(second, value, strict=True)])
     prior = np.array([0.0 if x.sigma is None else 1 / x.sigma for x in second])
+    solved = gauss_newton(prepared.ready, state)
+    if sensor.is_line:
+        prepared = retimed(prepared, solved.state, first, pos_errors)
+        state = prepared.start
     values, steps, early = [value], [], None
     sigma, rate = np.ones(len(second)), 1.0
     has_converged = False
-    solved = None
     for k in range(max_rounds):
         held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, assign(sensor, second, value)))
         solved = gauss_newton(held.ready, state)
@@ -112,7 +117,6 @@ def two_step(
         if steps[-1] * rate / (1 - rate) < tolerance:
             has_converged = True
             break
-    assert solved is not None
     last = assign(sensor, second, value)
     held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, last))
     solved = gauss_newton(held.ready, state)
