@@ -90,7 +90,7 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
     of_units = tuple(c[chunk.tile][:, None, :] for c in factor)
     lower = [forward(of_units, row) for row in found.by_point]  # L^-1 H^T: of x and y, three each
     rest = jnp.stack([jnp.stack(pair) for pair in (*zip(*found.by_unknown, strict=True), found.residual)])
-    terms = [[lower[a][i][:, r] * rest[:, a, :, r] for a in range(2) for r in range(rays)] for i in range(3)]
+    terms = [[lower[a][i][None, :, r] * rest[:, a, :, r] for a in range(2) for r in range(rays)] for i in range(3)]
     point_rest = _of_tiles(jnp.stack([total(t) for t in terms], axis=1), chunk)
     point_rest = point_rest.at[-1].set(jnp.stack(right))
     if unknowns.stations is None:
@@ -102,7 +102,7 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
 
     def spread(u):
         """(6, width, 3, points)."""
-        return total(window[:, u, r][:, None] * z[:, :, u, r][:, None] for r in range(rays)).reshape(-1, 3 * points)
+        return total(window[None, :, None, u, r] * z[:, None, :, u, r] for r in range(rays)).reshape(-1, 3 * points)
 
     return Rows(motion, rest, window, jax.lax.map(spread, jnp.arange(units)), point_rest, factor, right)
 
@@ -124,17 +124,19 @@ def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk) -> Dependence
 
 def _window(link: AbstractStations, chunk: Chunk, width: int) -> Array:
     """The weight of each station of the unit's window."""
-    seat = jnp.arange(width)[:, None, None, None]
+    seat = jnp.arange(width, dtype=jnp.int32)[:, None, None, None]
     weights = jnp.zeros((width, *chunk.pixel[0].shape))
     for station, weight in link.acting(chunk.shot):
         local = station - chunk.start[:, None, None]
-        weights = weights + jnp.where(local == seat, jnp.broadcast_to(jnp.asarray(weight, dtype=float), local.shape), 0.0)
+        spread = jnp.broadcast_to(jnp.asarray(weight, dtype=float), local.shape)
+        weights = weights + jnp.where(local[None] == seat, spread[None], 0.0)
     return weights
 
 
 def _of_tiles(of_units: Array, chunk: Chunk) -> Array:
     """Sums over the units of each tile: (..., units, points) -> (..., tiles, points)."""
-    member = (jnp.arange(len(chunk.tile))[:, None] == chunk.tile).astype(of_units.dtype)
+    tiles = jnp.arange(len(chunk.tile), dtype=chunk.tile.dtype)
+    member = (tiles[:, None] == chunk.tile[None, :]).astype(of_units.dtype)
     return jnp.einsum("tu,...un->...tn", member, of_units)
 
 
@@ -179,7 +181,7 @@ def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows) -> Normal:
 
     def add_unit(u, carry):
         half, border = carry
-        own = (rows.window[:, None, u] * rows.motion[:, None, :, u]).reshape(6 * width, -1)
+        own = (rows.window[None, :, None, u] * rows.motion[:, None, :, u]).reshape(6 * width, -1)
         seen, start = rows.seen[u], chunk.start[u]
         block = 0.5 * (_square(own) - _square(seen))
         side = own @ rows.rest[:, :, u].reshape(size, -1).T - seen @ rows.point_rest[:, :, chunk.tile[u]].reshape(size, -1).T

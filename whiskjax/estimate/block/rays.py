@@ -160,6 +160,10 @@ def _by_group(sensor: Sensor, shot: Shot, met: _Passage, name: str, option: str,
 
     values = jnp.stack([read(sensor, place) for place in members])
     moves = jax.vmap(lambda direction: jax.jvp(passed, (values,), (direction,))[1])(jnp.eye(len(members)))
-    columns = moves if name == "camera" else apply(met.rows, moves)
-    x, y = (jnp.where(acts, c, 0.0) for c in columns)
+
+    def column(move: Any) -> Vec2:
+        x, y = move if name == "camera" else apply(met.rows, move)
+        return jnp.where(acts, x, 0.0), jnp.where(acts, y, 0.0)
+
+    x, y = jax.vmap(column)(moves)
     return {place: (x[i], y[i]) for i, place in enumerate(members)}

@@ -133,7 +133,10 @@ def _effects(
     sensor = prepared.ready.sensor
     link = pos_errors.stations(sensor)
     if isinstance(link, Correction) and isinstance(link.basis, AbstractUniform):
-        shot = Shot(time_s=link.basis.node_s)
+        time = np.asarray(prepared.block.key("time_s"))
+        node_s = link.basis.node_s
+        nearest = np.array([int(np.argmin(np.abs(time - t))) for t in node_s])  # its strip, or view, is the node's
+        shot = dataclasses.replace(prepared.block.shots(nearest), time_s=jnp.asarray(node_s))
     else:
         shot = Shot(image=np.arange(link.stations))
     names = list(sensor.names)
