@@ -7,31 +7,26 @@ keep_to_one_thread()
 import argparse  # noqa: E402
 import sys  # noqa: E402
 
-from . import batch, calibration, geodesy, imaging, location, second_start  # noqa: E402, F401  (each registers its benchmarks)
-from .peers import MissingPeer  # noqa: E402
+from . import (  # noqa: E402, F401  (each registers its benchmarks)
+    batch,
+    calibration,
+    geodesy,
+    imaging,
+    location,
+    second_start,
+    three_line,
+)
+from .measure import measure_all  # noqa: E402
 from .report import machine, read_baseline, table, verdict, write_baseline  # noqa: E402
 from .suite import BENCHMARKS, Benchmark  # noqa: E402
-from .timing import Measured  # noqa: E402
 
 
 def chosen(names: list[str]) -> list[Benchmark]:
-    """Every benchmark, or those whose name begins with one of `names`."""
+    """Every benchmark but those on request, or those whose name begins with one of `names`."""
     unknown = [name for name in names if not any(known.startswith(name) for known in BENCHMARKS)]
     if unknown:
         sys.exit(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")
-    return [b for b in BENCHMARKS.values() if not names or b.name.startswith(tuple(names))]
-
-
-def measure(benchmark: Benchmark, baseline: float | None) -> Measured | str:
-    """The figure, or why there is none. One that fails is measured once more and the better counts: a busy machine can
-    only make it worse."""
-    try:
-        first = benchmark.measure()
-        if not verdict(benchmark, first, baseline):
-            return first
-        return min(first, benchmark.measure(), key=lambda m: m.reached)
-    except MissingPeer as error:
-        return f"no peer: {error}"
+    return [b for b in BENCHMARKS.values() if (b.name.startswith(tuple(names)) if names else not b.on_request)]
 
 
 def main() -> int:
@@ -42,13 +37,10 @@ def main() -> int:
     options = parser.parse_args()
 
     baseline = read_baseline()
-    rows: list[tuple[Benchmark, Measured | str]] = []
-    for benchmark in chosen(options.names):
-        print(f"measuring {benchmark.name} ...", file=sys.stderr, flush=True)
-        rows.append((benchmark, measure(benchmark, baseline.get(benchmark.name))))
+    rows, left_out = measure_all(chosen(options.names), baseline)
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     print("One thread on one core. reached: our CPU time / the peer's, fastest calls; median over rounds; wall clock.")
-    print(table(rows, baseline))
+    print("\n".join([table(rows, baseline), *left_out]))
     if options.update:
         write_baseline(rows)
     failed = [b.name for b, m in rows if verdict(b, m, baseline.get(b.name))]

@@ -9,8 +9,9 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
+
+from .own_process import peak_gb
 
 ROUNDS = 400  # a busy machine seldom leaves both cores to one call
 MANY_RUNS, MANY_LOOKS = 10_000, 180
@@ -68,13 +69,7 @@ def watch_memory() -> dict[str, float]:
         start = time.perf_counter()
         kept.append(location.arrays(executable(data)))
         locate_s += time.perf_counter() - start
-    return {"peak_gb": _peak_gb(), "draw_s": draw_s, "locate_s": locate_s}
-
-
-def _peak_gb() -> float:
-    """Linux counts in KiB. What getrusage reports would begin with the peak of the process that started this one."""
-    status = Path("/proc/self/status").read_text()
-    return int(status.split("VmHWM:")[1].split()[0]) * 1024 / 1e9
+    return {"peak_gb": peak_gb(), "draw_s": draw_s, "locate_s": locate_s}
 
 
 if __name__ == "__main__":

@@ -25,3 +25,9 @@ def in_own_process(module: str, *arguments: str) -> dict[str, float]:
     if done.returncode:
         raise RuntimeError(f"the process of {module} failed:\n{done.stderr}")
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def peak_gb() -> float:
+    """Peak of this process; Linux counts in KiB. What getrusage reports would begin with that of the process that started it."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) * 1024 / 1e9

@@ -5,7 +5,10 @@
 //     q = B^T A^T exp(-[turn]x) (R^T (p - t) - shift) - l,    x = -f q_x / q_z,    y = -f q_y / q_z;
 // the centred sample s solves s + along(s / half_width) = y, the line offset is x - offset - across(s / half_width).
 //
-// ceres_block FILE ITERATIONS FUNCTION_TOLERANCE GRADIENT_TOLERANCE PARAMETER_TOLERANCE [SOLUTION]
+// ceres_block FILE ITERATIONS FUNCTION_TOLERANCE GRADIENT_TOLERANCE PARAMETER_TOLERANCE DERIVATIVES [SOLUTION]
+//
+// DERIVATIVES is nodes: Jets carry the derivatives by all parameters of a ray, those of the four nodes included, as one would write
+// it first; or motion: Jets carry those by the ray's own turn and shift, which are then weighted, as one would write it second.
 //
 // FILE is written, and SOLUTION (nodes, shared, points as doubles) read, by peers/ceres_block.py. Prints one line of JSON.
 #include <ceres/ceres.h>
@@ -96,6 +99,10 @@ T cubic(const T* c, const T& u) {
 
 class Ray {
 public:
+    // By nodes and by the ray's own motion.
+    using ByNodes = ceres::AutoDiffCostFunction<Ray, 2, NODE, NODE, NODE, NODE, MOUNT, DEFORMATION, POINT>;
+    class ByMotion;
+
     Ray(const Camera& camera, const Arrays& a, std::int64_t i)
         : camera_(camera),
           offset_px_(a.offset_px[a.view[i]]) {
@@ -111,12 +118,18 @@ public:
     template <typename T>
     bool operator()(const T* n0, const T* n1, const T* n2, const T* n3, const T* mount, const T* deformation, const T* point,
                     T* residual) const {
+        T motion[NODE];
+        for (int k = 0; k < NODE; ++k) motion[k] = weight_[0] * n0[k] + weight_[1] * n1[k] + weight_[2] * n2[k] + weight_[3] * n3[k];
+        return (*this)(motion, mount, deformation, point, residual);
+    }
+
+    template <typename T>
+    bool operator()(const T* motion, const T* mount, const T* deformation, const T* point, T* residual) const {
         const T from[3] = {point[0] - position_m_[0], point[1] - position_m_[1], point[2] - position_m_[2]};
         T back[3], p[3], moved[3];
         for (int k = 0; k < 3; ++k) {
-            back[k] = -(weight_[0] * n0[k] + weight_[1] * n1[k] + weight_[2] * n2[k] + weight_[3] * n3[k]);
-            p[k] = rotation_[k] * from[0] + rotation_[3 + k] * from[1] + rotation_[6 + k] * from[2] -
-                   (weight_[0] * n0[3 + k] + weight_[1] * n1[3 + k] + weight_[2] * n2[3 + k] + weight_[3] * n3[3 + k]);
+            back[k] = -motion[k];
+            p[k] = rotation_[k] * from[0] + rotation_[3 + k] * from[1] + rotation_[6 + k] * from[2] - motion[3 + k];
         }
         ceres::AngleAxisRotatePoint(back, p, moved);
         T q[3];
@@ -140,6 +153,29 @@ public:
 private:
     const Camera& camera_;
     double offset_px_, rotation_[9], position_m_[3], weight_[ACTING], pixel_px_[2], per_sigma_[2];
+};
+
+class Ray::ByMotion : public ceres::SizedCostFunction<2, NODE, NODE, NODE, NODE, MOUNT, DEFORMATION, POINT> {
+public:
+    ByMotion(const Camera& camera, const Arrays& a, std::int64_t i) : ray_(camera, a, i) {}
+
+    bool Evaluate(double const* const* parameter, double* residual, double** jacobian) const override {
+        double motion[NODE] = {}, by_motion[2 * NODE];
+        for (int m = 0; m < ACTING; ++m)
+            for (int k = 0; k < NODE; ++k) motion[k] += ray_.weight_[m] * parameter[m][k];
+        const double *const *rest = parameter + ACTING, *const inner[4] = {motion, rest[0], rest[1], rest[2]};
+        if (!jacobian) return ray_(inner[0], inner[1], inner[2], inner[3], residual);
+        double* by_inner[4] = {by_motion, jacobian[ACTING], jacobian[ACTING + 1], jacobian[ACTING + 2]};
+        using Sizes = ceres::internal::StaticParameterDims<NODE, MOUNT, DEFORMATION, POINT>;
+        if (!ceres::internal::AutoDifferentiate<2, Sizes>(ray_, inner, 2, residual, by_inner)) return false;
+        for (int m = 0; m < ACTING; ++m)
+            if (jacobian[m])
+                for (int k = 0; k < 2 * NODE; ++k) jacobian[m][k] = ray_.weight_[m] * by_motion[k];
+        return true;
+    }
+
+private:
+    Ray ray_;
 };
 
 // The sum of coefficient * (one axis of a node) over several nodes.
@@ -207,14 +243,15 @@ void add_shared(ceres::Problem& problem, Arrays& a, double* block, int size) {
     if (!whitening.empty()) problem.AddResidualBlock(new BlockPrior(size, whitening, &a.shared_mean[first]), nullptr, block);
 }
 
-void build(ceres::Problem& problem, Arrays& a, const Camera& camera) {
+void build(ceres::Problem& problem, Arrays& a, const Camera& camera, bool by_motion) {
     add_shared(problem, a, a.mount(), MOUNT);
     for (int v = 0; v < a.views; ++v) add_shared(problem, a, a.deformation(v), DEFORMATION);
     for (std::int64_t i = 0; i < a.rays; ++i) {
         double* node = &a.node[NODE * a.first_node[i]];
+        ceres::CostFunction* cost = by_motion ? static_cast<ceres::CostFunction*>(new Ray::ByMotion(camera, a, i))
+                                              : new Ray::ByNodes(new Ray(camera, a, i));
         problem.AddResidualBlock(
-            new ceres::AutoDiffCostFunction<Ray, 2, NODE, NODE, NODE, NODE, MOUNT, DEFORMATION, POINT>(new Ray(camera, a, i)),
-            nullptr, node, node + NODE, node + 2 * NODE, node + 3 * NODE, a.mount(), a.deformation(a.view[i]),
+            cost, nullptr, node, node + NODE, node + 2 * NODE, node + 3 * NODE, a.mount(), a.deformation(a.view[i]),
             &a.point_m[POINT * a.point[i]]);
     }
     for (std::int64_t row = 0; row < a.rows; ++row) {
@@ -225,10 +262,11 @@ void build(ceres::Problem& problem, Arrays& a, const Camera& camera) {
         problem.AddResidualBlock(new NodePrior(a.prior_axis[row], {c + begin, c + end}), nullptr, nodes);
     }
     for (std::int64_t i = 0; i < a.controls; ++i) {
-        const double* whitening = &a.control_whitening[POINT * POINT * i];
-        problem.AddResidualBlock(
-            new BlockPrior(POINT, {whitening, whitening + POINT * POINT}, &a.control_m[POINT * i]), nullptr,
-            &a.point_m[POINT * a.control[i]]);
+        // Two residuals at a time as of a ray, one of them empty: for points with three, Ceres would leave its loops for 2 x 3.
+        const double* w = &a.control_whitening[POINT * POINT * i];
+        for (const auto& two : {std::vector<double>(w, w + 2 * POINT), std::vector<double>{w[6], w[7], w[8], 0, 0, 0}})
+            problem.AddResidualBlock(
+                new BlockPrior(POINT, two, &a.control_m[POINT * i]), nullptr, &a.point_m[POINT * a.control[i]]);
     }
 }
 
@@ -244,16 +282,30 @@ double peak_bytes() {
     return NAN;
 }
 
+double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+// CPU time of the fastest iteration that gained something: one that does not makes no derivatives.
+struct Stopwatch : ceres::IterationCallback {
+    double last_s = 0, fastest_s = INFINITY;
+
+    ceres::CallbackReturnType operator()(const ceres::IterationSummary& told) override {
+        const double now_s = cpu_seconds();
+        if (told.iteration > 0 && told.step_is_successful) fastest_s = std::min(fastest_s, now_s - last_s);
+        last_s = now_s;
+        return ceres::SOLVER_CONTINUE;
+    }
+};
+
 }  // namespace
 
 int main(int count, char** argument) {
-    if (count < 6) return std::fputs("usage: see the head of ceres_block.cpp\n", stderr), 2;
+    if (count < 7) return std::fputs("usage: see the head of ceres_block.cpp\n", stderr), 2;
     Arrays a(argument[1]);
     const Camera camera(a.camera);
     ceres::Problem::Options lean;
     lean.disable_all_safety_checks = true;
     ceres::Problem problem(lean);
-    build(problem, a, camera);
+    build(problem, a, camera, std::string(argument[6]) == "motion");
     a.forget_rays();
 
     ceres::Solver::Options options;
@@ -273,26 +325,27 @@ int main(int count, char** argument) {
     options.gradient_tolerance = std::atof(argument[4]);
     options.parameter_tolerance = std::atof(argument[5]);
 
+    Stopwatch watch;
+    options.callbacks.push_back(&watch);
+
     ceres::Solver::Summary told;
-    const std::clock_t start = std::clock();
+    const double start_s = cpu_seconds();
     ceres::Solve(options, &problem, &told);
-    const double cpu_s = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+    const double cpu_s = cpu_seconds() - start_s;
     if (!told.IsSolutionUsable()) return std::fprintf(stderr, "%s\n", told.message.c_str()), 1;
-    if (count > 6) {
-        std::ofstream file(argument[6], std::ios::binary);
+    if (count > 7) {
+        std::ofstream file(argument[7], std::ios::binary);
         for (const auto* values : {&a.node, &a.shared, &a.point_m})
             file.write(reinterpret_cast<const char*>(values->data()), values->size() * sizeof(double));
     }
-    std::vector<double> step_s;
-    for (std::size_t i = 1; i < told.iterations.size(); ++i) step_s.push_back(told.iterations[i].iteration_time_in_seconds);
-    std::sort(step_s.begin(), step_s.end());
+    const std::size_t iterations = told.iterations.size() - 1;  // the first is the start
     std::printf(
         "{\"initial_cost\": %.17g, \"final_cost\": %.17g, \"iterations\": %zu, \"converged\": %s, \"cpu_s\": %.6g, "
         "\"step_s\": %.6g, "
         "\"preprocessor_share\": %.4f, \"jacobian_share\": %.4f, \"linear_solver_share\": %.4f, \"residual_share\": %.4f, "
         "\"peak_gb\": %.4f, \"library\": \"Ceres %s, %s, %s, structure %s\"}\n",
-        told.initial_cost, told.final_cost, step_s.size(), told.termination_type == ceres::CONVERGENCE ? "true" : "false", cpu_s,
-        step_s.empty() ? 0.0 : step_s[step_s.size() / 2],
+        told.initial_cost, told.final_cost, iterations, told.termination_type == ceres::CONVERGENCE ? "true" : "false", cpu_s,
+        std::isfinite(watch.fastest_s) ? watch.fastest_s : 0.0,
         told.preprocessor_time_in_seconds / told.total_time_in_seconds,
         told.jacobian_evaluation_time_in_seconds / told.total_time_in_seconds,
         told.linear_solver_time_in_seconds / told.total_time_in_seconds,

@@ -11,12 +11,14 @@ import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from .. import one_thread
 from .build import ceres_program
+
+Derivatives = Literal["nodes", "motion"]
 
 ACTING, MOUNT, DEFORMATION = 4, 6, 8  # nodes that act on a ray; parameters of the mount and of the deformation of a view
 
@@ -118,9 +120,9 @@ class CeresAnswer:
     """What Ceres found, and what it took.
 
     **Arguments**: costs are half the sum of squared residuals; iterations: steps tried; cpu_s: of all of ceres::Solve;
-    step_s: wall clock of the median iteration, free of what is prepared once; the shares of the time of ceres::Solve that went
-    into preparing the problem, Jacobians, linear algebra and costs alone; peak_gb: peak resident memory of the process; library:
-    which Ceres, with what.
+    step_s: CPU time of the fastest iteration that gained something, free of what is prepared once; the shares of the time of
+    ceres::Solve that went into preparing the problem, Jacobians, linear algebra and costs alone; peak_gb: peak resident memory of
+    the process; library: which Ceres, with what.
     """
 
     initial_cost: float
@@ -143,10 +145,17 @@ class CeresAnswer:
         return self.cpu_s / self.iterations
 
 
-def run(arrays: BlockArrays, iterations: int = 50, tolerances: tuple[float, float, float] = (1e-14, 1e-14, 1e-14)) -> CeresAnswer:
+def run(
+    arrays: BlockArrays,
+    iterations: int = 50,
+    tolerances: tuple[float, float, float] = (1e-14, 1e-14, 1e-14),
+    derivatives: Derivatives = "motion",
+) -> CeresAnswer:
     """The adjustment by Levenberg-Marquardt on one thread, in a process of its own.
 
-    **Arguments**: iterations: at most; tolerances: of Ceres on cost, gradient and parameters; zeros make all iterations.
+    **Arguments**: iterations: at most; tolerances: of Ceres on cost, gradient and parameters; zeros make all iterations;
+    derivatives: by what the Jets of a ray differentiate, its four nodes or its own motion, which is faster.
+
     **Raises:** `NotInstalled` where libceres-dev is missing; `RuntimeError` with what the process said where it fails.
     """
     program = ceres_program("ceres_block")
@@ -155,7 +164,7 @@ def run(arrays: BlockArrays, iterations: int = 50, tolerances: tuple[float, floa
         problem, solution = Path(folder) / "problem", Path(folder) / "solution"
         arrays.write(problem)
         done = subprocess.run(
-            [program, problem, str(iterations), *map(repr, tolerances), solution],
+            [program, problem, str(iterations), *map(repr, tolerances), derivatives, solution],
             env=os.environ | one_thread.ENVIRONMENT,
             capture_output=True,
             text=True,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from whiskjax.files.read import read_flight
-from whiskjax.flights import tianshan
+from whiskjax.flights import songshan, tianshan
 
 
 def contents(folder):
@@ -70,4 +70,20 @@ def test_wrong_words_for_tianshan(whiskjax, tmp_path, words):
 def test_wrong_usage_ends_in_two(whiskjax, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert whiskjax("simulate", *words).exit_code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_songshan_is_the_flight_of_its_seed_and_set(whiskjax, tmp_path):
+    words = ["simulate", "songshan", "--seed", 3, "--set", "B", "--noise", "paper-like", "--ties", 5, "--out", tmp_path / "f"]
+    result = whiskjax(*words)
+    assert result.exit_code == 0 and "2 strips, 40 control, 14 check, 5 tie points" in result.stdout
+    flight, made = read_flight(tmp_path / "f"), songshan.simulate(songshan.Scene("B", "paper-like", ties=5), 3)
+    assert flight.name == made.name and flight.pos_errors == made.pos_errors is not None
+    np.testing.assert_array_equal(flight.measurements.sample_px, made.measurements.sample_px)
+    assert whiskjax(*words).exit_code == 1
+
+
+@pytest.mark.parametrize("words", [["--set", "C"], ["--noise", "loud"], ["--ties", -1]])
+def test_wrong_words_for_songshan(whiskjax, tmp_path, words):
+    assert whiskjax("simulate", "songshan", "--seed", 3, "--out", tmp_path / "f", *words).exit_code == 2
     assert not list(tmp_path.iterdir())

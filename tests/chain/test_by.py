@@ -7,6 +7,7 @@ import pytest
 
 import whiskjax as wj
 from tests import oracles
+from whiskjax.chain.chosen_camera import ChosenCamera
 from whiskjax.rules.results import codes_of, is_successful
 
 R = wj.RESULTS
@@ -140,3 +141,43 @@ def test_cameras_of_different_kinds_can_be_mixed():
     for i, view in enumerate((1, 0, 1)):
         alone = by.at(wj.Shot(view=view)).pixel(q)
         np.testing.assert_allclose([m[i] for m in mixed], alone, rtol=1e-13)
+
+
+MERGED = {
+    "frame": CAMERAS["frame"],
+    "line": CAMERAS["line"],
+    "bent lines": (
+        wj.LineCamera(1000.0, 50.0, deformation_px=np.full((2, 4), 0.3), half_width_px=60.0, samples_px=(0.0, 100.0), along="y"),
+        wj.LineCamera(
+            1500.0, 51.0, 9.0, deformation_px=np.full((2, 4), -0.4), half_width_px=55.0, samples_px=(5.0, 90.0), along="y"
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", MERGED)
+def test_cameras_of_one_kind_are_one_camera(kind):
+    """Their numbers are chosen instead of their answers: one image is taken, and the answers are the same."""
+    cameras = MERGED[kind]
+    merged = wj.By("view", dict(zip("ab", cameras, strict=True))).at(wj.Shot(view=VIEW))
+    assert type(merged) is type(cameras[0])
+    asked = ChosenCamera(jnp.asarray(VIEW), cameras)
+    q = oracles.split(np.concatenate([DIRECTION[:4], [[0.1, 0.1, 1.0]]]))  # the last one lies behind the camera
+    pixel = asked.pixel(q)
+    np.testing.assert_allclose(merged.pixel(q), pixel, rtol=1e-14)
+    for got, expected in zip(merged.direction(pixel), asked.direction(pixel), strict=True):
+        np.testing.assert_allclose(np.broadcast_to(got, VIEW.shape), np.broadcast_to(expected, VIEW.shape), rtol=1e-14)
+    results = codes_of(merged.check_direction(q))
+    np.testing.assert_array_equal(results, codes_of(asked.check_direction(q)))
+    assert (results != codes_of(R.successful)).tolist() == [False] * 4 + [True]
+    np.testing.assert_array_equal(np.broadcast_to(merged.sees(pixel), 5), np.broadcast_to(asked.sees(pixel), 5))
+    assert merged.is_line == asked.is_line
+    if merged.is_line:
+        np.testing.assert_allclose(merged.miss(q), asked.miss(q), rtol=1e-14)
+
+
+def test_cameras_that_differ_in_what_they_hold_stay_apart():
+    """One with a deformation, one without; a line along x, one along y."""
+    plain = wj.LineCamera(1000.0)
+    for other in (wj.LineCamera(1000.0, deformation_px=np.zeros((2, 4))), wj.LineCamera(1000.0, along="y")):
+        assert type(wj.By("view", {"a": plain, "b": other}).at(wj.Shot(view=VIEW))) is ChosenCamera

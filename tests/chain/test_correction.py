@@ -138,3 +138,60 @@ def test_a_wrong_correction_is_refused(make, message):
 def test_coefficients_may_be_lists():
     pose = wj.Correction(wj.Bias(), shift_m=[[1.0, 2.0, 3.0]]).pose(wj.Shot(time_s=0.0))
     np.testing.assert_array_equal(np.array(pose.translation), [1, 2, 3])
+
+
+# Several segments, as the strips of a block are.
+
+STARTS_S, LENGTHS = np.array([100.0, 300.0, 390.0]), (6, 4, 9)
+SEGMENTED = {"orientation images": wj.OrientationImages, "spline": wj.Spline}
+
+
+def at_nodes(kind, rng, size):
+    """Times in each segment where the basis reaches, ends included."""
+    reach = 0 if kind == "orientation images" else 1
+    first, last = STARTS_S + SPACING_S * reach, STARTS_S + SPACING_S * (np.array(LENGTHS) - 1 - reach)
+    return [np.concatenate([[a, b], rng.uniform(a, b, size)]) for a, b in zip(first, last, strict=True)]
+
+
+@pytest.mark.parametrize("kind", SEGMENTED)
+def test_a_segment_is_a_basis_of_its_own(kind):
+    """At a time in a segment, the weights are those of a basis with that segment alone; all other coefficients are silent."""
+    whole = SEGMENTED[kind](STARTS_S, SPACING_S, LENGTHS)
+    assert whole.size == sum(LENGTHS)
+    last = 0
+    for start, n, t in zip(STARTS_S, LENGTHS, at_nodes(kind, np.random.default_rng(0), 20), strict=True):
+        expected = np.zeros((len(t), whole.size))
+        expected[:, last : last + n] = weights(SEGMENTED[kind](start, SPACING_S, n), t)
+        np.testing.assert_allclose(weights(whole, t), expected, rtol=0, atol=1e-13)
+        assert is_successful(whole.check(t)).all()
+        last += n
+    between = np.array([99.9, 120.1, 250.0, 299.9, 312.1, 389.9, 422.1])
+    assert not is_successful(whole.check(between)).any()
+
+
+@pytest.mark.parametrize("kind", SEGMENTED)
+def test_epochs_determine_the_coefficients(kind):
+    """As many times as coefficients, in order, where the basis reaches; weights there are an invertible matrix."""
+    basis = SEGMENTED[kind](STARTS_S, SPACING_S, LENGTHS)
+    t = basis.epoch_s
+    assert t.shape == (basis.size,) and (np.diff(t) > 0).all() and is_successful(basis.check(t)).all()
+    assert np.linalg.cond(weights(basis, t)) < 100
+    nodes = np.concatenate([start + SPACING_S * np.arange(n) for start, n in zip(STARTS_S, LENGTHS, strict=True)])
+    np.testing.assert_array_equal(basis.node_s, nodes)
+    if kind == "orientation images":
+        np.testing.assert_array_equal(t, nodes)
+
+
+@pytest.mark.parametrize("kind", SEGMENTED)
+@pytest.mark.parametrize(
+    "starts, nodes, message",
+    [
+        ((100.0, 300.0), (6,), "2 starts for 1 numbers of nodes"),
+        ((100.0, 300.0), (6, 3), "at least 4 are needed, not 3"),
+        ((300.0, 100.0), (6, 6), r"segment 1 starts at 100 s, before segment 0 ends at 320 s: .*order in which they were flown"),
+        ((100.0, 119.0), (6, 6), "segment 1 starts at 119 s, before segment 0 ends at 120 s"),
+    ],
+)
+def test_segments_that_make_no_sense_are_refused(kind, starts, nodes, message):
+    with pytest.raises(wj.WhiskjaxError, match=message):
+        SEGMENTED[kind](starts, SPACING_S, nodes)

@@ -107,6 +107,9 @@ def _observed(name, sensor, images, image, line, world, height) -> wj.Flight:
             wj.FrameNoise("body" if line_camera else "mount", np.radians([0.03, 0.0, 0.0801]), (0.1, 0.2, 0.0)),
             wj.FrameNoise("scan" if line_camera else "body", shift_sigma_m=(0.0, 0.0, 0.3)),
         ],
+        pos_errors=wj.PosErrors("wave", tuple(np.radians((0.005, 0.0, 0.01)).tolist()), (0.05, 0.05, 0.08), (60.0, 60.0, 120.0))
+        if line_camera
+        else wj.PosErrors("body", tuple(np.radians((1.0, 1.0, 3.0)).tolist()), (50.0, 50.0, 80.0), observed=False),
         world=world,
         epoch="2024-05-01T00:00:00Z",
         reference_point="antenna",

@@ -55,6 +55,7 @@ def test_the_rest_is_equal(pair):
     for field in ("name", "world", "epoch", "reference_point", "notes"):
         assert getattr(back, field) == getattr(flight, field)
     assert list(back.unknowns) == list(flight.unknowns)
+    assert back.pos_errors == flight.pos_errors
     assert [noise.frame for noise in back.noise] == [noise.frame for noise in flight.noise]
     for a, b in zip(flight.noise, back.noise, strict=True):
         # What is zero stays structural, and costs nothing.

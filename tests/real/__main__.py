@@ -26,12 +26,12 @@ def _run(data: Path, out: Path, keep: bool) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    from . import reach_clarreo, reach_ign_frame, reach_location, reach_misb_uas, reach_rtk_drone
+    from . import reach_blocks, reach_clarreo, reach_ign_frame, reach_location, reach_misb_uas, reach_rtk_drone
     from .figures import as_json, table
 
     figures, folders, notes, absent = [], [], [], 0
-    for module in (reach_ign_frame, reach_misb_uas, reach_clarreo, reach_rtk_drone, reach_location):
-        source = data if module is reach_location else data / module.SET
+    for module in (reach_ign_frame, reach_misb_uas, reach_clarreo, reach_rtk_drone, reach_location, reach_blocks):
+        source = data if module in (reach_location, reach_blocks) else data / module.SET
         if why := missing(source):
             print(f"{module.SET}: {why}", file=sys.stderr)
             absent += 1

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from .adjust import adjust
 from .calibrate import calibrate
 from .locate import locate
 from .reproduce import reproduce
@@ -34,5 +35,6 @@ def _options(
 
 app.command()(calibrate)
 app.command()(locate)
+app.command()(adjust)
 app.add_typer(simulate, name="simulate")
 app.add_typer(reproduce, name="reproduce")

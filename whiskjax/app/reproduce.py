@@ -9,6 +9,7 @@ import typer
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, whole_folder, write_report
 from .reproduce_location import location
+from .reproduce_three_line import three_line
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ reproduce = typer.Typer(
 
 
 reproduce.command()(location)
+reproduce.command("three-line")(three_line)
 
 
 @reproduce.command()

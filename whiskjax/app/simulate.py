@@ -77,3 +77,42 @@ def tianshan(
     flight = simulated(seed, Scene(path=path.value, looks=looks))
     write_flight(flight, out, overwrite=force)
     typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {flight.points.names[0]}, in {out}")
+
+
+class DataSet(StrEnum):
+    """Two crossing pairs of strips, or one pair."""
+
+    A = "A"
+    B = "B"
+
+
+class Noise(StrEnum):
+    """Of points, ties and vibration: what the instrument can do, or what the paper's residuals ask for."""
+
+    nominal = "nominal"
+    paper_like = "paper-like"
+
+
+@simulate.command()
+@answers_failures
+def songshan(
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random: the same seed is the same flight.")],
+    out: Annotated[Path, typer.Option(help="The folder to write.")],
+    data: Annotated[DataSet, typer.Option("--set", help="Two crossing pairs of strips, or one pair.")] = DataSet.A,
+    noise: Annotated[Noise, typer.Option(help="What the instrument can do, or what the paper shows.")] = Noise.nominal,
+    ties: Annotated[
+        int | None, typer.Option(min=0, help="How many tie points; if not given, the paper's 14157 or 8802.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
+) -> None:
+    """The three-line camera: strips with control, check and tie points, and POS errors (Wang et al. 2018)."""
+    start_jax()
+    from ..files.write import write_flight
+    from ..flights.songshan import Scene
+    from ..flights.songshan import simulate as simulated
+
+    flight = simulated(Scene(name=data.value, noise=noise.value, ties=ties), seed)
+    write_flight(flight, out, overwrite=force)
+    roles = list(flight.points.roles)
+    counts = ", ".join(f"{roles.count(role)} {role}" for role in ("control", "check", "tie"))
+    typer.echo(f"{flight.name}: {len(flight.strips)} strips, {counts} points, {len(flight.measurements)} rays, in {out}")

@@ -10,6 +10,7 @@ from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
 from .noise import noise_from_toml
+from .pos_errors import pos_errors_from_toml
 from .unknowns import unknowns_from_toml
 
 
@@ -48,6 +49,7 @@ def read_flight(folder: str | Path) -> Flight:
         measurements=measurements,
         unknowns=unknowns_from_toml(toml.unknown, sensor, source.first_centre),
         noise=noise_from_toml(toml.noise, sensor),
+        pos_errors=pos_errors_from_toml(toml.pos_errors, sensor),
         world=world,
         epoch=toml.epoch,
         reference_point=toml.pos.reference_point,

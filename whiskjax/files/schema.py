@@ -271,6 +271,17 @@ class NoiseTable(Model):
         return self
 
 
+class PosErrorsTable(Model):
+    """[pos_errors]: the motions of a link that an adjustment estimates, and how well POS knows them."""
+
+    link: str
+    turn_sigma_deg: Sigmas
+    shift_sigma_m: Sigmas
+    turn_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
+    shift_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
+    observed: bool = True
+
+
 class FlightTable(Model):
     """The whole of flight.toml."""
 
@@ -286,6 +297,7 @@ class FlightTable(Model):
     refraction: RefractionTable | None = None
     unknown: list[UnknownTable] = Field(default_factory=list)
     noise: list[NoiseTable] = Field(default_factory=list)
+    pos_errors: PosErrorsTable | None = None
 
 
 ByLink.model_rebuild()
@@ -310,6 +322,7 @@ TABLES = {
     "refraction": RefractionTable,
     "unknown": UnknownTable,
     "noise": NoiseTable,
+    "pos_errors": PosErrorsTable,
     "encoder": EncoderColumn,
     "basis": Basis,
 }

@@ -16,6 +16,7 @@ from .measured import OBSERVATIONS, POINTS, SIGMAS
 from .names import listed
 from .navigation import position_texts
 from .noise import noise_to_toml
+from .pos_errors import pos_errors_to_toml
 from .source import IMAGES
 from .tables import exact, table_text, texts
 from .toml_text import toml_text
@@ -109,6 +110,7 @@ def flight_files(flight: Flight) -> dict[str, str]:
     optional = {
         "unknown": [unknown_to_toml(u) for u in flight.unknowns] or None,
         "noise": noise_to_toml(flight) or None,
+        "pos_errors": pos_errors_to_toml(flight),
         "refraction": refraction_to_toml(flight),
     }
     toml |= {key: value for key, value in optional.items() if value is not None}

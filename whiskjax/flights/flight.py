@@ -14,6 +14,7 @@ from ..chain.shot import KEYS, Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
 from ..estimate.block.block import Block
+from ..estimate.block.pos_errors import PosErrors
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown
 from ..locate.looks import Looks
@@ -39,6 +40,12 @@ class World:
             raise FlightError(f"the world is 'wgs84' or 'local', not {self.kind!r}")
         if self.height_datum != "ellipsoidal":
             raise FlightError(f"height_datum {self.height_datum!r}: heights are ellipsoidal; convert them with your geoid first")
+
+    def from_enu(self, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+        """Rotations that take east, north, up at world positions to the world's axes; any rotation where a position is NaN."""
+        if self.kind == "local" or len(position_m) == 0:
+            return np.broadcast_to(np.eye(3), (len(position_m), 3, 3))
+        return np.asarray(_ecef_from_enu(np.nan_to_num(position_m, nan=6.4e6)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +98,8 @@ class Measurements:
 class Flight:
     """Everything about a flight; `read_flight` and `write_flight` turn it from and into a folder.
 
-    `noise`: errors of the recorded poses that are new at every look, for `locate`.
+    `noise`: errors of the recorded poses that are new at every look, for `locate`. `pos_errors`: those that vary slowly, whose
+    course `adjust` estimates.
     """
 
     name: str
@@ -101,6 +109,7 @@ class Flight:
     measurements: Measurements
     unknowns: Sequence[Unknown] = ()
     noise: Sequence[FrameNoise] = ()
+    pos_errors: PosErrors | None = None
     world: World = World()
     epoch: str = ""
     reference_point: str = ""
@@ -154,6 +163,12 @@ class Flight:
         """Whether the images are made of lines."""
         return self.sensor.is_line
 
+    @property
+    def strips(self) -> Sequence[str]:
+        """Names of the strips, in the order in which the rays of `block` number them; empty where an image has none."""
+        names = [image.strip for image in self.images]
+        return self.sensor.key_names().get("strip", () if None in names else tuple(dict.fromkeys(names)))  # pyright: ignore[reportReturnType]
+
     def observations(self) -> Observations:
         """Measurements of control and check points, ready for `calibrate`; tie points, which have no coordinates, stay behind."""
         role = np.asarray(self.points.roles)[self.measurements.point]
@@ -172,11 +187,16 @@ class Flight:
     def block(self) -> Block:
         """All measurements and all points, ready for `adjust`; coordinates of tie points, where somebody gave any, stay behind.
 
-        Points keep their indices, seen or not.
+        Points keep their indices, seen or not. Where every image has a strip, so have the rays: by the sensor's own numbers, or,
+        where no link asks for strips, by those of `strips`.
         """
         role = np.asarray(self.points.roles)
+        shot = self.shot(self.measurements.image, self.measurements.line_px)
+        if shot.strip is None and self.strips:
+            numbers = np.array([self.strips.index(image.key("strip")) for image in self.images])
+            shot = dataclasses.replace(shot, strip=numbers[self.measurements.image])
         return Block(
-            self.shot(self.measurements.image, self.measurements.line_px),
+            shot,
             *self._pixels(np.arange(len(self.measurements))),
             self.measurements.point,
             np.where((role == "tie")[:, None], np.nan, self.points.position_m),
@@ -208,13 +228,8 @@ class Flight:
 
     def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:
         """Covariance of the points' coordinates in the world frame, from their east, north, up sigmas."""
-        if len(self.points.names) == 0:
-            return np.zeros((0, 3, 3))
-        variance = np.asarray(self.points.sigma_enu_m) ** 2
-        if self.world.kind == "local":
-            return variance[:, :, None] * np.eye(3)
-        to_world = np.asarray(_ecef_from_enu(np.nan_to_num(self.points.position_m, nan=6.4e6)))
-        return np.einsum("nij,nj,nkj->nik", to_world, variance, to_world)
+        axes = self.world.from_enu(self.points.position_m)
+        return np.einsum("nij,nj,nkj->nik", axes, np.asarray(self.points.sigma_enu_m) ** 2, axes)
 
 
 @jax.jit

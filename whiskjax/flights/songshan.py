@@ -28,6 +28,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.trajectory import Trajectory
 from ..estimate.block.block import Block
+from ..estimate.block.pos_errors import PosErrors
 from ..estimate.unknown import Unknown
 from ..rules import WhiskjaxError
 from ..rules.results import is_successful
@@ -35,9 +36,11 @@ from .flight import Flight, Image, Measurements, Points, World
 from .songshan_draw import (
     ATTITUDE_CORRELATION_S,
     ATTITUDE_SIGMA_RAD,
+    BORESIGHT_RAD,
     CENTRE_PX,
     DATA,
     FOCAL_PX,
+    LEVER_ARM_M,
     LINE_PX,
     NOISE,
     POS_CORRELATION_S,
@@ -46,6 +49,7 @@ from .songshan_draw import (
     STRIP_S,
     VIEW_RAD,
     DataSet,
+    detector,
     fly,
     mounts,
     start_s,
@@ -76,6 +80,8 @@ class Scene:
     - `spacing_s`, `basis`: of the corrections of POS, "orientation images" or "spline", with nodes in every strip.
     - `drift`: whether every strip has a drift of attitude of its own (paper 001, equation 6).
     - `pos_hz`: rate of the true and of the recorded poses.
+    - `truth`: "rough" as flown, or "matching": detector lines are cubics and POS errors are what the corrections can follow, so
+      that the adjustment knows all there is.
     """
 
     name: str = "A"
@@ -85,9 +91,11 @@ class Scene:
     basis: str = "orientation images"
     drift: bool = False
     pos_hz: float = 200.0
+    truth: str = "rough"
 
     def __post_init__(self):
-        for field, known in (("name", DATA), ("noise", NOISE), ("basis", ("orientation images", "spline"))):
+        bases, truths = ("orientation images", "spline"), ("rough", "matching")
+        for field, known in (("name", DATA), ("noise", NOISE), ("basis", bases), ("truth", truths)):
             if getattr(self, field) not in known:
                 raise WhiskjaxError(f"songshan: the {field} is one of {', '.join(known)}, not {getattr(self, field)!r}")
 
@@ -100,8 +108,8 @@ class Scene:
 class Drawn(NamedTuple):
     """One simulated flight: what was measured, the sensor as recorded, the sensor that made the images, and true points.
 
-    `truth["body"]` is where the platform was, at any time of the strips; the true points, in the order of the block, are
-    (points, 3), world frame, metres.
+    `truth["body"]` is where the platform was, at any time of the strips (of a "matching" scene: with its `pos_error`); the true
+    points, in the order of the block, are (points, 3), world frame, metres.
     """
 
     block: Block
@@ -187,7 +195,7 @@ def draw(scene: Scene, seed: int) -> Drawn:
     ties = data.ties if scene.ties is None else scene.ties
     path, surveyed, field, tie_field, point_rays, tie_rays, roles = np.random.default_rng(seed).spawn(7)
     true, recorded = fly(path, data.strips, scene.pos_hz, noise.vibration)
-    truth = true_sensor(true)
+    truth = true_sensor(true) if scene.truth == "rough" else _matching(scene, recorded, path)
     # More places than are needed: some lie in no strip, and few in several.
     tried = (field, 600), (tie_field, 2 * ties + 100)
     place = np.concatenate([rng.uniform(-FIELD_M, FIELD_M, (n, 2)) for rng, n in tried])
@@ -223,6 +231,17 @@ def draw(scene: Scene, seed: int) -> Drawn:
         images=[names[i] for i in len(VIEWS) * strip + view],
     )
     return Drawn(block, sensor(scene, recorded), truth, ground[chosen])
+
+
+def _matching(scene: Scene, recorded: Trajectory, rng: np.random.Generator) -> Sensor:
+    """The sensor that makes the images where recorded poses err by a draw from what `pos_errors` says of the corrections."""
+    laboratory, errors = sensor(scene, recorded), PosErrors(**pos_errors(scene))
+    roots = errors.roots(laboratory)
+    white = rng.standard_normal(roots.shape[:2])
+    drawn = errors.sigma * np.stack([np.linalg.solve(root, w) for root, w in zip(roots, white, strict=True)], axis=-1)
+    correction = Correction(laboratory["pos_error"].basis, jnp.asarray(drawn[:, :3]), jnp.asarray(drawn[:, 3:]))
+    lines = By("view", {view: detector(view, cubic=True) for view in VIEWS})
+    return Sensor({"body": recorded, "pos_error": correction, **mounts(LEVER_ARM_M, BORESIGHT_RAD)}, lines)
 
 
 def _images(truth: Sensor, ground_m: np.ndarray, strips: int) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "points strips"]]:
@@ -263,6 +282,7 @@ def simulate(scene: Scene = Scene(), seed: int = 0) -> Flight:
             sigma_sample_px=block.sigma_px[:, 0],
         ),
         unknowns=unknowns(scene),
+        pos_errors=PosErrors(**pos_errors(scene)),
         world=World("local", ORIGIN),
         epoch="2017-05-23T02:00:00Z" if scene.name == "A" else "2017-05-25T02:00:00Z",
         reference_point="GNSS antenna phase centre",

@@ -49,24 +49,27 @@ def terrain_m(x_m: Float[np.ndarray, "..."], y_m: Float[np.ndarray, "..."]) -> F
     return np.clip(290 + hills + high + low, 100, 1500)
 
 
-def deformation_px(view: str, sample_px: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def deformation_px(
+    view: str, sample_px: Float[np.ndarray, " n"], cubic: bool = False
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """By how much detector elements lie beside their laboratory position: dx (across the line) and dy (along it) in pixels.
 
     The true position is the laboratory one, (f tan(view), sample - centre), plus this: a scale along the radius from the
     principal point that changes with the radius, the cubics of the line, and a wave of 0.25 px. Its wavelength, which nobody
-    printed, is 4000 px here: eight waves on the line. Sine across the line, cosine along it.
+    printed, is 4000 px here: eight waves on the line. Sine across the line, cosine along it. `cubic` leaves out the wave and the
+    scale's last term: what is left is a cubic of each line.
     """
     x, y = FOCAL_PX * np.tan(VIEW_RAD[view]), sample_px - CENTRE_PX
-    scale = np.polynomial.polynomial.polyval((x * x + y * y) / RADIUS_PX**2, SCALE)
+    scale = np.polynomial.polynomial.polyval((x * x + y * y) / RADIUS_PX**2, SCALE[:2] if cubic else SCALE)
     cubic_x, cubic_y = (np.polynomial.polynomial.polyval(y / CENTRE_PX, c) for c in CUBICS_PX[view])
-    phase = 2 * np.pi * y / WAVELENGTH_PX
-    return x * scale + cubic_x + WAVE_PX * np.sin(phase), y * scale + cubic_y + WAVE_PX * np.cos(phase)
+    phase, wave = 2 * np.pi * y / WAVELENGTH_PX, 0.0 if cubic else WAVE_PX
+    return x * scale + cubic_x + wave * np.sin(phase), y * scale + cubic_y + wave * np.cos(phase)
 
 
-def detector(view: str) -> LookTable:
-    """The line of a view as it really lies."""
+def detector(view: str, cubic: bool = False) -> LookTable:
+    """The line of a view as it really lies, or all of it that is `cubic`."""
     sample = np.linspace(0, LINE_PX - 1, _LOOKS)
-    dx, dy = deformation_px(view, sample)
+    dx, dy = deformation_px(view, sample, cubic)
     x, y = FOCAL_PX * np.tan(VIEW_RAD[view]) + dx, sample - CENTRE_PX + dy
     return LookTable(sample, np.stack([x, y, np.full_like(x, -FOCAL_PX)], axis=-1))
 

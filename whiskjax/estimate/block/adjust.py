@@ -83,7 +83,8 @@ def adjust(
             if blunders is not None:
                 prepared, solved, used = snoop(prepared, solved, blunders)
             if reweigh:
-                prepared, solved, found = weights.reweigh(prepared, solved, used)
+                prepared, solved, more = weights.reweigh(prepared, solved, used)
+                found = more if found is None else more._replace(factor=found.factor * more.factor)
     return report(prepared, solved, unknowns, pos_errors, used, found, throw)
 
 

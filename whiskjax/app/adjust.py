@@ -1,0 +1,189 @@
+"""`whiskjax adjust`: strips of images adjusted together from control and tie points, and how far to trust the result."""
+
+import dataclasses
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..rules import FlightError
+from .failure import NOT_SOUND, answers_failures
+from .output import refuse_place, whole_folder, write_report
+from .start import start_jax
+
+if TYPE_CHECKING:
+    from ..files.standard import Standard
+    from ..show.block.adjusted import Adjusted
+    from ..show.style import Drawing
+    from ..show.summary import Summary
+
+_OURS = (
+    "results.json",
+    "report.html",
+    "unknowns.csv",
+    "adjusted_points.csv",
+    "residuals.csv",
+    "corrections.csv",
+    "residual_vectors.png",
+    "point_errors.png",
+    "detector_residuals.png",
+    "trajectory_corrections.png",
+    "point_sigmas.png",
+    "adjusted",
+)
+_STEPS = 30
+
+
+@answers_failures
+def adjust(
+    flight: Annotated[Path, typer.Argument(help="The flight folder (flight.toml and its tables).", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
+    blunders: Annotated[bool, typer.Option("--blunders", help="Find wrong rays, leave them out and name them.")] = False,
+    reweigh: Annotated[bool, typer.Option("--reweigh", help="Estimate sigmas of rays, control and POS from the data.")] = False,
+    direct: Annotated[
+        bool, typer.Option("--direct", help="Also position points directly, strip by strip, before and after.")
+    ] = False,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            help="Hold the check points against GB/T 23236 at a map scale (1000, 2000 or 5000), or a TOML file of limits."
+        ),
+    ] = None,
+    terrain: Annotated[
+        str | None, typer.Option(help="For a map scale: flat, hilly, mountainous or alpine.", show_default=False)
+    ] = None,
+    max_steps: Annotated[int, typer.Option(min=1, help="Largest number of steps.")] = _STEPS,
+) -> None:
+    """Adjust strips of images together from control and tie points.
+
+    Estimates the flight's unknowns, the course of its POS errors and every point. Prints tables and a verdict; writes
+    results.json, report.html, CSV tables, PNG figures and, of a sound result, the flight with its adjusted sensor.
+    """
+    refuse_place(out, flight)
+    standard = _standard(profile, terrain)
+    start_jax()
+    from .stages import Stages
+
+    with Stages("read", "compile and adjust", "draw and write") as stages:
+        stages.enter("read")
+        from ..estimate.block.adjust import adjust as solve
+        from ..estimate.block.direct import direct_positioning
+        from ..estimate.blunders import Blunders
+        from ..files.read import read_flight
+        from ..show.block.adjusted import Adjusted
+
+        found = read_flight(flight)
+        block = found.block()
+        stages.enter("compile and adjust")
+        before = direct_positioning(found.sensor, block) if direct else None
+        adjustment = solve(
+            found.sensor,
+            block,
+            found.unknowns,
+            pos_errors=found.pos_errors,
+            blunders=Blunders() if blunders else None,
+            reweigh=reweigh,
+            max_steps=max_steps,
+            throw=False,
+        )
+        both = None if before is None else (before, direct_positioning(adjustment.sensor, block))
+        adjusted = Adjusted(found, adjustment, both, standard)
+        stages.enter("draw and write")
+        from ..show.block.charts import draw_charts
+        from ..show.block.summary import summarise
+
+        summary = summarise(adjusted, _command(flight, out, blunders, reweigh, direct, profile, terrain, max_steps))
+        drawings = draw_charts(adjusted)
+        with whole_folder(out, _OURS) as folder:
+            _write(folder, adjusted, summary, drawings)
+    _print(summary, out)
+    raise typer.Exit(0 if adjustment.is_sound else NOT_SOUND)
+
+
+def _standard(profile: str | None, terrain: str | None) -> "Standard | None":
+    """What the check points are to meet."""
+    if profile is None:
+        if terrain is not None:
+            raise typer.BadParameter("the limits of a terrain need a map scale: --profile 1000", param_hint="--terrain")
+        return None
+    from ..files.standard import Standard, read_standard
+    from ..flights.songshan import PROFILE
+
+    if not profile.isdecimal():
+        if terrain is not None:
+            raise typer.BadParameter("a file has its own limits, without a terrain", param_hint="--terrain")
+        return read_standard(Path(profile))
+    scales, terrains = (list(dict.fromkeys(key[k] for key in PROFILE.limits)) for k in (0, 1))
+    if int(profile) not in scales:
+        known = ", ".join(map(str, scales))
+        raise FlightError(f"--profile {profile}: {PROFILE.name}, has 1 to {known}; give one of them, or a TOML file of limits")
+    if terrain not in terrains:
+        raise FlightError(f"--terrain: one of {', '.join(map(str, terrains))} is expected, not {terrain!r}")
+    limit = PROFILE.limits[int(profile), terrain]
+    return Standard(f"{PROFILE.name}, 1:{profile}, {terrain}", limit.planimetry_m, limit.height_m)
+
+
+def _command(
+    flight: Path,
+    out: Path,
+    blunders: bool,
+    reweigh: bool,
+    direct: bool,
+    profile: str | None,
+    terrain: str | None,
+    max_steps: int,
+) -> str:
+    words = ["whiskjax", "adjust", str(flight), "--out", str(out)]
+    words += ["--blunders"] * blunders + ["--reweigh"] * reweigh + ["--direct"] * direct
+    for option, value in (("--profile", profile), ("--terrain", terrain)):
+        words += [option, value] if value is not None else []
+    words += ["--max-steps", str(max_steps)] if max_steps != _STEPS else []
+    return shlex.join(words)
+
+
+def _write(folder: Path, adjusted: "Adjusted", summary: "Summary", drawings: "list[Drawing]") -> None:
+    from ..files.write import write_flight
+    from ..show.block.page import make_report
+    from ..show.block.sheets import write_sheets
+
+    write_sheets(folder, adjusted, summary)
+    write_report(folder, summary, drawings, make_report(summary, drawings))
+    if adjusted.adjustment.is_sound:
+        flight = adjusted.flight
+        write_flight(
+            dataclasses.replace(flight, sensor=adjusted.adjustment.sensor, name=f"{flight.name}, adjusted"), folder / "adjusted"
+        )
+
+
+def _print(summary: "Summary", out: Path) -> None:
+    """Tables first, the verdict last: it is what stays in view."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..show.block.tables import all_tables
+    from ..show.tables import for_terminal
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=100)
+
+    def say(text: str, style: str = "") -> None:
+        console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
+
+    say(summary["flight"], "bold")
+    for table in all_tables(summary):
+        console.print()
+        console.print(for_terminal(table))
+    verdict, fit = summary["verdict"], summary["fit"]
+    console.print()
+    factor = "" if fit["variance_factor"] is None else f"; variance factor {fit['variance_factor']:.3f}"
+    say(f"{summary['solver']['steps']} steps{factor}; {fit['degrees_of_freedom']} degrees of freedom")
+    for warning in summary["warnings"]:
+        say(f"warning: {warning}", "yellow")
+    console.print()
+    say(f"This adjustment is {verdict['word']}:", "bold green" if verdict["is_sound"] else "bold red")
+    for sentence in (*verdict["reasons"], *verdict["cautions"]):
+        say(f"  - {sentence}")
+    flight = ", adjusted/ (the flight with its new sensor)" if verdict["is_sound"] else ""
+    say(f"Written to {out}: report.html, results.json, CSV tables, figures{flight}")

@@ -1,0 +1,1 @@
+"""An adjusted block for people: summary, tables, figures, page."""

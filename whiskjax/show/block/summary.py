@@ -1,0 +1,332 @@
+"""An adjusted block as plain data: every figure that is printed, drawn in words or written comes from this one place.
+
+Made of dicts, lists, strings, booleans and floats, so that `results.json` is the summary itself. Figures that do not exist are
+None; names end in their unit.
+"""
+
+import math
+import platform
+import re
+from importlib import metadata
+
+import numpy as np
+from jaxtyping import Float
+
+from ...estimate.block.adjustment import Statistics
+from ...estimate.block.block import ROLES
+from ...estimate.block.pos_errors import AXES
+from ...estimate.diagnosis import UNLIKELY
+from ...estimate.unknown import admit, start_of
+from ...rules.results import codes_of, message_of
+from ..summary import PRIOR_ONLY, Summary, number, probability
+from .adjusted import Adjusted
+
+ENU = ("east", "north", "up")
+_LARGEST = 8
+
+
+def summarise(adjusted: Adjusted, command: str = "") -> Summary:
+    """Everything worth telling about an adjusted block.
+
+    **Arguments:** `command`: how it was made, for the reader who wants to repeat it.
+    """
+    flight, adjustment = adjusted.flight, adjusted.adjustment
+    factor, x, y = adjustment.variance_factor, *adjusted.axes
+    code = int(codes_of(adjustment.result))
+    data: Summary = {
+        "flight": flight.name,
+        "command": command,
+        "verdict": {},
+        "units": {
+            "residuals": f"px, measured - projected; x = {x}, y = {y}",
+            "statistics": "m; adjusted, or directly positioned, - given",
+            "unknowns": "each in its own unit",
+            "data_share": "1 - sigma^2 / prior_sigma^2: the part of the prior variance that the data removed",
+        },
+        "world": flight.world.kind,
+        "counts": _counts(adjusted),
+        "solver": {"converged": code == 0, "message": message_of(code), "steps": adjustment.steps},
+        "fit": {
+            "variance_factor": number(factor),
+            "sigma_factor": number(math.sqrt(factor)) if factor >= 0 else None,
+            "degrees_of_freedom": adjustment.freedom,
+            "tail_probability": number(adjustment.tail_probability),
+            "is_consistent": adjustment.is_consistent,
+        },
+        "unknowns": _unknowns(adjusted),
+        "corrections": _corrections(adjusted),
+        "statistics": _statistics(adjusted),
+        "check": _check(adjusted),
+        "standard": _standard(adjusted),
+        "direct": _direct(adjusted),
+        "residuals": _residuals(adjusted),
+        "point_sigmas": _point_sigmas(adjusted),
+        "largest_residuals": _largest(adjusted, adjustment.used, _LARGEST),
+        "left_out": _largest(adjusted, ~adjustment.used, len(adjusted.block)),
+        "weights": _weights(adjusted),
+        "warnings": [_named(warning, adjusted) for warning in adjustment.warnings],
+        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
+        | {"python": platform.python_version()},
+    }
+    data["verdict"] = _verdict(adjusted, data)
+    return data
+
+
+def _named(warning: str, adjusted: Adjusted) -> str:
+    """A warning with names in place of the numbers of strips."""
+    strips = adjusted.flight.strips
+    name = lambda found: f"strip {strips[int(found[1])]}" if int(found[1]) < len(strips) else found[0]
+    return re.sub(r"\bstrip (\d+)\b", name, warning)
+
+
+def _counts(adjusted: Adjusted) -> Summary:
+    block, used = adjusted.block, adjusted.adjustment.used
+    seen = np.bincount(block.point, minlength=len(block.role)) > 0
+    return {
+        "images": len(np.unique(adjusted.flight.measurements.image)),
+        "strips": list(adjusted.flight.strips),
+        "rays": {"all": len(block)} | {role: int((adjusted.role == role).sum()) for role in ROLES},
+        "points": {"all": int(seen.sum())} | {role: int((seen & (block.role == role)).sum()) for role in ROLES},
+        "points_unseen": int((~seen).sum()),
+        "rays_left_out": int((~used).sum()),
+        "points_left_out": int(np.setdiff1d(block.point[~used], block.point[used]).size),
+    }
+
+
+def _unknowns(adjusted: Adjusted) -> list[Summary]:
+    adjustment, rows = adjusted.adjustment, []
+    if not adjustment.unknowns:
+        return []
+    begun = admit(adjusted.flight.sensor, adjustment.unknowns)
+    for k, unknown in enumerate(adjustment.unknowns):
+        unit, factor = unknown.unit
+        scaled = lambda value, factor=factor: None if value is None else number(value * factor)
+        rows.append(
+            {
+                "name": unknown.name,
+                "where": [place.text for place in unknown.places],
+                "unit": unit,
+                "prior_mean": scaled(unknown.mean),
+                "prior_sigma": scaled(unknown.sigma),
+                "start": scaled(start_of(begun, unknown)),
+                "value": scaled(adjustment.value[k]),
+                "sigma": scaled(adjustment.trust.sigma[k]),
+                "data_share": number(adjustment.trust.data_share[k]),
+            }
+        )
+    return rows
+
+
+def _corrections(adjusted: Adjusted) -> Summary | None:
+    """What was added to the trajectory, axis by axis; None where it was kept."""
+    errors, course = adjusted.adjustment.pos_errors, adjusted.course
+    if errors is None or course is None:
+        return None
+    rows = []
+    for k, (axis, prior, time) in enumerate(zip(AXES, errors.sigma, errors.correlation_s, strict=True)):
+        unit, factor = ("deg", math.degrees(1.0)) if k < 3 else ("m", 1.0)
+        value, sigma = factor * course.value[:, k], factor * course.sigma[:, k]
+        rows.append(
+            {
+                "axis": axis,
+                "unit": unit,
+                "prior_sigma": factor * prior,
+                "correlation_s": time,
+                "rms": number(np.sqrt((value**2).mean())),
+                "max_abs": number(np.abs(value).max()),
+                "median_sigma": number(np.median(sigma)),
+            }
+        )
+    return {"link": errors.link, "observed": errors.observed, "stations": len(course.value), "axes": rows}
+
+
+def _rows_of(name: str, error_m: Float[np.ndarray, "n 3"]) -> list[Summary]:
+    """Max, min, mean and RMSE along each axis."""
+    return [
+        {
+            "what": name,
+            "axis": axis,
+            "n": found.count,
+            "max_m": number(found.largest),
+            "min_m": number(found.smallest),
+            "mean_m": number(found.mean),
+            "rmse_m": number(found.rmse),
+        }
+        for axis, found in zip(ENU, map(Statistics.of, error_m.T), strict=True)
+    ]
+
+
+def _statistics(adjusted: Adjusted) -> list[Summary]:
+    rows = []
+    if adjusted.direct is not None:
+        before, after = map(adjusted.direct_error_enu_m, adjusted.direct)
+        rows += [*_rows_of("direct, before", before), *_rows_of("direct, after", after)]
+    for role in ("control", "check"):
+        error = adjusted.error_enu_m[adjusted.block.role == role]
+        error = error[np.isfinite(error).all(axis=1)]
+        if len(error):
+            rows += _rows_of(role, error)
+    return rows
+
+
+def _check(adjusted: Adjusted) -> Summary | None:
+    """RMSE of the check points in planimetry and height, and whether their covariances explain the errors; None without any."""
+    chosen = (adjusted.block.role == "check") & np.isfinite(adjusted.error_enu_m).all(axis=1)
+    if not chosen.any():
+        return None
+    error = adjusted.error_enu_m[chosen]
+    given = np.einsum(
+        "nji,njk,nkl->nil",
+        adjusted.world_from_enu[chosen],
+        adjusted.block.covariance_m2[chosen],
+        adjusted.world_from_enu[chosen],
+    )
+    spread = adjusted.covariance_enu_m2[chosen] + given
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[:, :, None])[:, :, 0])
+    square = (error**2).mean(axis=0)
+    return {
+        "points": int(chosen.sum()),
+        "planimetry_rmse_m": number(np.sqrt(square[:2].sum())),
+        "height_rmse_m": number(np.sqrt(square[2])),
+        "mean_nees": number(nees.mean()),
+        "expected_nees": 3,
+    }
+
+
+def _standard(adjusted: Adjusted) -> Summary | None:
+    """Each limit and whether the check points meet it; None where none was asked for."""
+    standard, check = adjusted.standard, _check(adjusted)
+    if standard is None:
+        return None
+    limits = []
+    for what in ("planimetry", "height"):
+        limit = getattr(standard, f"{what}_m")
+        if limit is not None:
+            rmse = None if check is None else check[f"{what}_rmse_m"]
+            limits.append({"what": what, "limit_m": limit, "rmse_m": rmse, "passes": None if rmse is None else rmse <= limit})
+    return {"name": standard.name, "limits": limits, "passes": all(row["passes"] is True for row in limits)}
+
+
+def _direct(adjusted: Adjusted) -> Summary | None:
+    """How many intersections direct positioning made, and what it could not intersect; None where it was not asked for."""
+    if adjusted.direct is None:
+        return None
+    return {
+        name: {"intersections": len(of.point), "seen_once": of.alone, "not_meeting": of.lost}
+        for name, of in zip(("before", "after"), adjusted.direct, strict=True)
+    }
+
+
+def _residuals(adjusted: Adjusted) -> list[Summary]:
+    """Of used rays, by view (None: all together) and role."""
+    used, rows = adjusted.adjustment.used, []
+    views = adjusted.views if len(adjusted.views) > 1 else []
+    for view, here in [(None, np.ones(len(used), dtype=bool)), *views]:
+        for role in adjusted.roles:
+            chosen = here & used & (adjusted.role == role)
+            if chosen.any():
+                r, s = adjusted.adjustment.residual_px[chosen], adjusted.normalised[chosen]
+                rms, most = np.sqrt((r**2).mean(axis=0)), np.abs(r).max(axis=0)
+                rows.append(
+                    {
+                        "view": view,
+                        "role": role,
+                        "rays": int(chosen.sum()),
+                        "rms_x_px": number(rms[0]),
+                        "rms_y_px": number(rms[1]),
+                        "max_abs_x_px": number(most[0]),
+                        "max_abs_y_px": number(most[1]),
+                        "rms_in_sigmas": number(np.sqrt((s**2).mean())),
+                    }
+                )
+    return rows
+
+
+def _point_sigmas(adjusted: Adjusted) -> list[Summary]:
+    rows = []
+    for role in adjusted.roles:
+        sigma = adjusted.sigma_enu_m[adjusted.block.role == role]
+        sigma = sigma[np.isfinite(sigma).all(axis=1)]
+        for k, axis in enumerate(ENU):
+            if len(sigma):
+                median, most = number(np.median(sigma[:, k])), number(sigma[:, k].max())
+                rows.append({"role": role, "axis": axis, "n": len(sigma), "median_m": median, "max_m": most})
+    return rows
+
+
+def _largest(adjusted: Adjusted, among: np.ndarray, most: int) -> list[Summary]:
+    """The rays whose residuals are the most sigmas, the largest first."""
+    length = np.nan_to_num(np.abs(adjusted.normalised).max(axis=1), nan=np.inf)
+    order = np.argsort(-np.where(among, length, -1.0), kind="stable")[: min(most, int(among.sum()))]
+    block, residual = adjusted.block, adjusted.adjustment.residual_px
+    return [
+        {
+            "image": block.images[i],
+            "point": block.points[int(block.point[i])],
+            "role": str(adjusted.role[i]),
+            "x_px": number(residual[i, 0]),
+            "y_px": number(residual[i, 1]),
+            "normalised_x": number(adjusted.normalised[i, 0]),
+            "normalised_y": number(adjusted.normalised[i, 1]),
+        }
+        for i in order.tolist()
+    ]
+
+
+def _weights(adjusted: Adjusted) -> list[Summary]:
+    """Groups whose sigmas were estimated; empty where they were not."""
+    found = adjusted.adjustment.components
+    if found is None:
+        return []
+    return [
+        {"group": name, "is_prior": bool(p), "n": int(n), "sigma_factor": number(f), "relative_sigma": number(s)}
+        for name, p, n, f, s in zip(*found, strict=True)
+    ]
+
+
+def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
+    """Sound or not, in words that need no statistics."""
+    fit, solver, counts = data["fit"], data["solver"], data["counts"]
+    reasons, cautions = [], []
+    reasons.append(
+        f"the iteration converged in {solver['steps']} steps"
+        if solver["converged"]
+        else f"after {solver['steps']} steps {solver['message']}"
+    )
+    if fit["sigma_factor"] is None:
+        reasons.append("there are no more observations than unknowns, so the fit cannot be tested")
+    else:
+        times = f"the residuals are {fit['sigma_factor']:.2f} times as large as their sigmas say"
+        chance = f"(probability of more by chance: {probability(fit['tail_probability'])})"
+        if not fit["is_consistent"]:
+            reasons.append(f"{times}, more than chance explains {chance}")
+        elif fit["tail_probability"] > 1 - UNLIKELY:
+            reasons.append(f"{times}: the sigmas given are too large, and so are those of the result")
+        else:
+            reasons.append(f"{times}, which is consistent {chance}")
+    if (check := data["check"]) is None:
+        cautions.append("there are no check points: nothing tests the result from outside")
+    else:
+        nees = check["mean_nees"]
+        scale = "" if nees is None else f"; their errors are {math.sqrt(nees / 3):.2f} times as large as their covariances say"
+        reasons.append(
+            f"{check['points']} check points are off by {check['planimetry_rmse_m']:.3f} m in planimetry and "
+            f"{check['height_rmse_m']:.3f} m in height (RMSE){scale}"
+        )
+    if (standard := data["standard"]) is not None:
+        failed = [row["what"] for row in standard["limits"] if not row["passes"]]
+        said = (
+            f"the limits of {standard['name']} are met" if not failed else f"{standard['name']}: not met in {', '.join(failed)}"
+        )
+        (cautions if failed else reasons).append(said)
+    if counts["points"]["control"] == 0:
+        cautions.append("there is no control point: the datum does not come from the ground")
+    held = [row["name"] for row in data["unknowns"] if row["data_share"] is not None and row["data_share"] < PRIOR_ONLY]
+    if held:
+        cautions.append(f"fixed by the prior alone: {', '.join(held)}")
+    if (n := counts["rays_left_out"]) > 0:
+        cautions.append(f"{n} ray{'s' * (n > 1)} {'were' if n > 1 else 'was'} left out as wrong")
+    if (n := counts["points_unseen"]) > 0:
+        cautions.append(f"{n} point{'s' * (n > 1)} of the flight {'are' if n > 1 else 'is'} seen by no image")
+    is_sound = adjusted.adjustment.is_sound
+    return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}
