@@ -97,12 +97,22 @@ def test_attitude_error_is_the_angle_scipy_finds(drawn):
     turned = Correction(link.basis, np.tile(turn, (link.basis.size, 1)))
     turned = wj.Sensor({"body": drawn.sensor["body"], "pos_error": turned}, drawn.sensor.camera)
     expected = np.sqrt((Rotation.from_rotvec(turn).as_rotvec() ** 2).mean())
-    assert attitude_rms_rad(SCENE, turned, drawn.sensor) == pytest.approx(expected, rel=1e-5)
-    assert attitude_rms_rad(SCENE, drawn.sensor, drawn.sensor) == pytest.approx(0.0, abs=1e-12)
+    assert attitude_rms_rad(SCENE, turned, drawn.sensor, "body") == pytest.approx(expected, rel=1e-5)
+    assert attitude_rms_rad(SCENE, drawn.sensor, drawn.sensor, "camera") == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_cameras_attitude_has_the_boresight_in_it(drawn):
+    """Recorded and true body with the same pose: what differs is the boresight, R_c^b = Rx Ry Rz."""
+    laboratory = wj.Sensor({name: drawn.sensor[name] for name in drawn.sensor.names}, drawn.sensor.camera)
+    mounted = laboratory.links[:2] + drawn.truth.links[1:]
+    true = wj.Sensor(dict(zip(laboratory.names, mounted, strict=True)), drawn.sensor.camera)
+    turn = Rotation.from_euler("XYZ", songshan_draw.BORESIGHT_RAD).as_rotvec()
+    found = attitude_rms_rad(SCENE, true, laboratory, "camera")
+    assert found == pytest.approx(np.sqrt((turn**2).mean()), rel=1e-4)
 
 
 def test_recorded_attitude_errs_as_its_sigmas_say(drawn):
-    found = attitude_rms_rad(SCENE, drawn.sensor, drawn.truth)
+    found = attitude_rms_rad(SCENE, drawn.sensor, drawn.truth, "body")
     assert 0.4 < found / np.sqrt((songshan_draw.ATTITUDE_SIGMA_RAD**2).mean()) < 1.8
 
 

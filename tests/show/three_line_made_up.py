@@ -63,7 +63,7 @@ def made(inside: bool = True, sections: list[str] | None = None) -> Measured:
         "run": lambda scene, seed, white=False: SimpleNamespace(
             scene=scene, seed=seed, mount_errors=np.stack([rng.normal(0, 0.03, 6), np.full(6, 0.03)])
         ),
-        "followed": lambda *_, **__: Followed(rng.uniform(0.1, 0.2), rng.uniform(1e-5, 1e-4)),
+        "followed": lambda *_, **__: Followed(*rng.uniform(1e-5, 1e-4, 3)),
         "wrong_ties": lambda *_: Spoilt(np.arange(100) < 5, np.arange(100) < 5, *np.full((3, 3), 0.1)),
         "honest": lambda *_: Honest(1.0, 1.0),
         "weights": lambda *_: Weighed(("tie rays", "points"), np.array([3.0, 1 / 3]), np.ones(2), np.array([0.01, 0.1])),

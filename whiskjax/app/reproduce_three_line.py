@@ -23,7 +23,7 @@ _OURS = ("results.json", "report.html", *_SHEETS, *(f"figure_{number}.png" for n
 def three_line(
     out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
     seed: Annotated[int, typer.Option(min=0, help="Of the flights of the tables.")] = 0,
-    seeds: Annotated[int, typer.Option(min=2, help="How many flights what is beyond the tables is made of.")] = 6,
+    seeds: Annotated[int, typer.Option(min=2, help="How many flights what is beyond the tables is made of.")] = 4,
     ties: Annotated[
         int | None, typer.Option(min=100, help="Tie points of the tables; by default as many as the paper has.")
     ] = None,

@@ -157,7 +157,7 @@ class Sizes(NamedTuple):
 
     ties: int | None = None
     few_ties: int = 3000
-    seeds: int = 6
+    seeds: int = 4
     rounds: int = 100
 
 
@@ -274,8 +274,9 @@ def _spline(images: list[Run]) -> _Figures:
     white = _rms([followed(run(base, r.seed, white=True)) for r in images])
     images_rms = _rms([followed(r) for r in images])
     splines = _rms([followed(run(scene, r.seed)) for r in images])
-    for k, (what, low) in enumerate((("ties: RMSE in space", 20.0), ("body attitude: RMS", 35.0))):
-        unit, factor = (("m", 1.0), ("deg", math.degrees(1.0)))[k]
+    measures = ("ties: RMSE in space", 20.0), ("body attitude: RMS", 35.0), ("camera attitude: RMS", 35.0)
+    for k, (what, low) in enumerate(measures):
+        unit, factor = ("m", 1.0) if k == 0 else ("deg", math.degrees(1.0))
         yield f"4 s orientation images, white: {what}", unit, None, None, factor * white[k]
         yield f"4 s orientation images, correlated: {what}", unit, None, None, factor * images_rms[k]
         yield f"spline every {best:g} s, correlated: {what}", unit, None, None, factor * splines[k]

@@ -103,35 +103,39 @@ def readjusted(scene: Scene, block: Block, sensor: Sensor, count: int) -> Adjust
 
 
 class Followed(NamedTuple):
-    """How close an adjustment came: RMSE of tie points in space, and RMS about an axis of body attitude, over the strips."""
+    """How close an adjustment came: RMSE of tie points in space, RMS about an axis of body and camera attitude over the strips.
+
+    The body's contains what the boresight has in common with POS: a constant that only POS sees. The camera's, which is the
+    exterior orientation, is what images see.
+    """
 
     tie_rmse_m: float
-    attitude_rms_rad: float
+    body_rms_rad: float
+    camera_rms_rad: float
 
 
 def followed(run: Run) -> Followed:
     """Compare with the truth."""
-    block, found = run.drawn.block, run.adjusted
+    block, found, truth = run.drawn.block, run.adjusted, run.drawn.truth
     squared = ((found.point_m - run.drawn.point_m)[block.role == "tie"] ** 2).sum(axis=1)
-    return Followed(float(np.sqrt(squared.mean())), attitude_rms_rad(run.scene, found.sensor, run.drawn.truth))
+    body, camera = (attitude_rms_rad(run.scene, found.sensor, truth, frame) for frame in ("body", "camera"))
+    return Followed(float(np.sqrt(squared.mean())), body, camera)
 
 
-def attitude_rms_rad(scene: Scene, found: Sensor, truth: Sensor) -> float:
-    """RMS of the small turns, about one axis, between two sensors' bodies (corrections included)."""
+def attitude_rms_rad(scene: Scene, found: Sensor, truth: Sensor, frame: str) -> float:
+    """RMS of the small turns, about one axis, between the "body" (corrections included) or the "camera" of two sensors."""
     within = np.arange(_ATTITUDE_S, STRIP_S, _ATTITUDE_S)
     time_s = (start_s(len(scene.data.strips))[:, None] + within).ravel()
-    a, b = _body(found, time_s), _body(truth, time_s)
+    a, b = (_attitude(sensor, frame, time_s) for sensor in (found, truth))
     turn = np.einsum("...ij,...kj->...ik", a, b)  # small: its skew part is the turn
     skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]]) / 2
     return float(np.sqrt((skew**2).mean()))
 
 
-def _body(sensor: Sensor, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    shot = Shot(time_s=time_s)
-    pose = sensor["body"].pose(shot)
-    if "pos_error" in sensor.names:
-        pose = pose @ sensor["pos_error"].pose(shot)
-    rows = [np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in row), time_s)[:3] for row in pose.rotation]
+def _attitude(sensor: Sensor, frame: str, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+    last = "boresight" if frame == "camera" else "pos_error" if "pos_error" in sensor.names else "body"
+    rotation = sensor.pose(Shot(time_s=time_s), last).rotation
+    rows = [np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in row), time_s)[:3] for row in rotation]
     return np.moveaxis(np.array(rows), -1, 0)
 
 

@@ -36,8 +36,8 @@ _TITLES = {
 }
 _NOTES = {
     1: "Metres; errors are found − given. Direct positioning: every point and strip; adjusted: check points. Second: calibrated "
-    "detector lines, lever arm and boresight zero, POS as recorded; third: all calibrated numbers. p-like: paper-like. Other: an "
-    "independent implementation, nominal. The band is of the nominal RMSE.",
+    "detector lines, lever arm and boresight zero, POS as recorded; third: all calibrated numbers. p-like: paper-like. Other: "
+    "an independent implementation, nominal. The band is of the nominal RMSE.",
     2: "As Table 1.",
     4: "Lever arm, boresight and detector lines: the mean of what A and B gave.",
     5: "The mean numbers of Table 4 are held; POS corrections and points are adjusted. Control points are spread over the field, "
@@ -47,7 +47,8 @@ _NOTES = {
 _BEYOND = {
     "lever arm and boresight": "Nominal blocks with fewer ties. RMS over few seeds: with n of them the ratio itself is known to "
     "1/√(2n) only.",
-    "spline": "Data set B. The spacing is that with the lowest tie RMSE on a flight that is not used afterwards.",
+    "spline": "Data set B. The spacing is that with the lowest tie RMSE on a flight that is not used afterwards, of those tried. The body's "
+    "attitude holds a constant that only POS tells from the boresight; the camera's (exterior orientation) is what images see.",
     "wrong ties": "Data set A; one ray of 5 % of the tie points moves by up to ±20 px in sample and line (uniform: one move in a "
     "hundred is below 2 px both ways). A point counts as found when it lost a ray.",
     "honest covariance": "Data set A. Matching: cubic detector lines, POS errors of orientation images; rough: as flown, with "
