@@ -27,6 +27,8 @@ from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
 from .wrong_ties import snoop
 
+_SINGULAR = 1e-13  # smallest eigenvalue of the normal matrix scaled to unit diagonal; sound blocks have 1e-5 and more
+
 
 def adjust(
     sensor: Sensor,
@@ -93,7 +95,7 @@ def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_e
     ready = prepared.ready
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     block = at_crossing(ready.unknowns.put(ready.sensor, state.x, state.u), prepared.block, point)
-    again = prepare(ready.sensor, block, unknowns, pos_errors, point)
+    again = prepare(ready.sensor, block, unknowns, pos_errors, point, prepared.plan)
     return dataclasses.replace(again, start=State(state.x, state.u, again.start.points))
 
 
@@ -161,12 +163,16 @@ def report(
 
 
 def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
-    """The inverse of the reduced normal matrix; None where it is not positive definite."""
-    try:
-        root = np.linalg.inv(np.linalg.cholesky(np.asarray(matrix)))
-    except np.linalg.LinAlgError:
+    """The inverse of the reduced normal matrix; None where it is not positive definite beyond rounding."""
+    diagonal = np.diag(np.asarray(matrix))
+    if not (np.isfinite(diagonal).all() and (diagonal > 0).all()):
         return None
-    return root.T @ root if np.isfinite(root).all() else None
+    scale = 1 / np.sqrt(diagonal)
+    scaled = np.asarray(matrix) * np.outer(scale, scale)
+    if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < _SINGULAR:
+        return None
+    root = np.linalg.inv(np.linalg.cholesky(scaled))
+    return (root.T @ root) * np.outer(scale, scale)
 
 
 def _evaluated(prepared: Prepared, state: State, inverse: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

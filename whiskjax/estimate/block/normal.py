@@ -209,5 +209,6 @@ def _add(whole: Array, block: Array, at: tuple[Any, ...]) -> Array:
 def information_of(covariance_m2: Float[np.ndarray, "points 3 3"], known: np.ndarray) -> Float[np.ndarray, "points 6"]:
     """Upper triangles of the inverse covariances, zero where nothing is known; a sigma below a micrometre counts as one."""
     inverse = np.zeros((len(known), 3, 3))
-    inverse[known] = np.linalg.inv(covariance_m2[known] + 1e-12 * np.eye(3))
+    values, vectors = np.linalg.eigh(covariance_m2[known])
+    inverse[known] = (vectors / np.maximum(values, 1e-12)[:, None, :]) @ vectors.swapaxes(1, 2)
     return np.stack([inverse[:, i, j] for i in range(3) for j in range(i, 3)], axis=-1)

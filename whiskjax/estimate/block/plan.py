@@ -35,6 +35,11 @@ class Plan(NamedTuple):
     pairs: Int[np.ndarray, " chunks"]
     width: int
 
+    def holds(self, first: Int[np.ndarray, " rays"], acting: int) -> bool:
+        """Whether every ray's stations lie in the window of its unit."""
+        local = first[self.ray] - self.start[:, :, None, None]
+        return bool(((self.ray < 0) | ((local >= 0) & (local + acting <= self.width))).all())
+
 
 class _Shape(NamedTuple):
     """Tiles of equal numbers of units: rays (tiles, units, points, rays) and window starts (tiles, units)."""

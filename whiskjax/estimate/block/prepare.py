@@ -94,8 +94,10 @@ def prepare(
     unknowns: Sequence[Unknown],
     pos_errors: PosErrors | None,
     start_m: Float[np.ndarray, "points 3"],
+    keep: Plan | None = None,
 ) -> Prepared:
-    """**Arguments:** `start_m`: approximate coordinates of every point that some ray sees.
+    """**Arguments:** `start_m`: approximate coordinates of every point that some ray sees; `keep`: a plan for the same rays, used
+    again where all stations still lie in their windows.
 
     **Raises:** `WhiskjaxError` for unknowns, links or keys that make no sense.
     """
@@ -118,7 +120,7 @@ def prepare(
         segments = basis.nodes if isinstance(basis, AbstractUniform) else (stations,)
         pairs = link.acting(block.shots())
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
-    laid = plan(block.point, first, acting, segments)
+    laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
     start = np.array([start_of(sensor, x) for x in unknowns])
     mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
     scale = np.array([x.size for x in unknowns])

@@ -13,7 +13,9 @@ from ...rules import RESULTS
 from .normal import accumulate
 from .prepare import Ready, State
 
-_SETTLED = 1e-8  # of a prior sigma or scale
+# Of the decrement step . right side: what the step should take off the cost, and the squared length of the step in sigmas.
+_SETTLED = 1e-14
+_ROUNDING = 1e-8  # below it a decrement that no longer shrinks is rounding
 _SAME_COST = 1e-10  # relative: below it a rise is rounding
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 
@@ -77,22 +79,23 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
     A step that raises the cost is taken back and damped (Levenberg).
     """
     reduced, points = reduce(ready, state)
-    damping, steps = 0.0, 0
+    damping, steps, last = 0.0, 0, np.inf
     while steps < max_steps:
         step = np.asarray(_step(reduced.matrix, reduced.right, jnp.asarray(damping)))
         if not np.isfinite(step).all():
-            if damping == 0.0 and steps == 0 and not np.isfinite(np.asarray(reduced.matrix)).all():
+            if steps == 0 and not np.isfinite(np.asarray(reduced.matrix)).all():
                 return Solved(state, reduced, steps, RESULTS.nonfinite)
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.rank_deficient)
             damping = max(10 * damping, _FIRST_DAMPING)
             continue
+        decrement, cost = float(step @ np.asarray(reduced.right)), float(reduced.cost)
         size = state.x.size
         moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
         there, relaxed = reduce(ready, moved)
         steps += 1
-        climbs = not float(there.cost) <= float(reduced.cost) * (1 + _SAME_COST)
-        if climbs and np.abs(step).max() > _SETTLED:
+        climbs = not float(there.cost) <= cost * (1 + _SAME_COST)
+        if climbs and decrement > max(_ROUNDING, _SAME_COST * cost):
             damping = max(10 * damping, _FIRST_DAMPING)
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.not_converged)
@@ -101,7 +104,8 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
             reduced, points = reduce(ready, state)
             continue
         state, reduced, points = moved, there, relaxed
-        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
-        if np.abs(step).max() < _SETTLED and damping == 0.0:
+        stalls = decrement < _ROUNDING and decrement > 0.25 * last
+        if damping == 0.0 and (decrement < _SETTLED or stalls):
             return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.successful)
+        damping, last = (damping / 10 if damping > _LEAST_DAMPING else 0.0), decrement
     return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.not_converged)

@@ -17,8 +17,8 @@ _TITLES = {
 }
 _CAPTIONS = {
     "direct": "Strips flown to and fro miss to opposite sides (boresight), and all points lie too low (scale of the detector).",
-    "adjusted": "Nothing systematic is left. Control points (circles), known to 2 mm, hold; check points (triangles) show the errors.",
-    "second direct": "Calibrated lines bring the height back, as far as their scale is right without w; in plan the boresight is missing.",
+    "adjusted": "Nothing systematic is left. Control points, known to 2 mm, are held; check points show the errors.",
+    "second direct": "Calibrated lines bring the height back, as far as their scale is right without w; boresight is missing.",
     "third direct": "With all calibrated numbers errors of POS are left: they change along the strips.",
 }
 

@@ -47,8 +47,9 @@ _NOTES = {
 _BEYOND = {
     "lever arm and boresight": "Nominal blocks with fewer ties. RMS over few seeds: with n of them the ratio itself is known to "
     "1/√(2n) only.",
-    "spline": "Data set B. The spacing is that with the lowest tie RMSE on a flight that is not used afterwards, of those tried. The body's "
-    "attitude holds a constant that only POS tells from the boresight; the camera's (exterior orientation) is what images see.",
+    "spline": "Data set B. The spacing is that with the lowest tie RMSE of those tried, on a flight that is not used afterwards. "
+    "The body's attitude holds a constant that only POS tells from the boresight; the camera's (exterior orientation) is what "
+    "images see.",
     "wrong ties": "Data set A; one ray of 5 % of the tie points moves by up to ±20 px in sample and line (uniform: one move in a "
     "hundred is below 2 px both ways). A point counts as found when it lost a ray.",
     "honest covariance": "Data set A. Matching: cubic detector lines, POS errors of orientation images; rough: as flown, with "
