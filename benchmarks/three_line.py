@@ -55,9 +55,10 @@ class Posed(NamedTuple):
         """In tiles, on the device."""
         return prepare(self.sensor, self.block, songshan.unknowns(self.scene), self.errors, self.start_m)
 
-    def adjusted(self) -> wj.Adjustment:
-        """By `wj.adjust`, which intersects the rays once more."""
-        return wj.adjust(self.sensor, self.block, songshan.unknowns(self.scene), pos_errors=self.errors)
+    def adjusted(self, retime: bool = True) -> wj.Adjustment:
+        """By `wj.adjust`, which intersects the rays once more; without `retime` it is the block that the peers are given."""
+        unknowns = songshan.unknowns(self.scene)
+        return wj.adjust(self.sensor, self.block, unknowns, pos_errors=self.errors, retime=retime)
 
 
 @cache
@@ -95,8 +96,6 @@ def for_peer(at: Posed) -> BlockArrays:
         k = _seat(unknown.name)
         free[k], mean[k], sigma[k] = True, unknown.mean, unknown.sigma
     control = np.flatnonzero(block.role == "control")
-    # A sigma below a micrometre counts as one: to every variance is added that of a micrometre.
-    covariance = block.covariance_m2[control] + 1e-12 * np.eye(3)
     start_m = at.start_m.copy()
     start_m[control] = block.position_m[control]
     return BlockArrays(
@@ -123,7 +122,7 @@ def for_peer(at: Posed) -> BlockArrays:
         prior_coefficient=coefficient,
         control=control,
         control_m=block.position_m[control],
-        control_whitening=np.linalg.inv(np.linalg.cholesky(covariance)),
+        control_whitening=np.linalg.inv(np.linalg.cholesky(block.covariance_m2[control])),
     )
 
 

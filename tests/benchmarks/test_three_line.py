@@ -20,7 +20,7 @@ def at():
 
 @pytest.fixture(scope="module")
 def adjusted(at):
-    return at.adjusted()
+    return at.adjusted(retime=False)
 
 
 @pytest.fixture(scope="module")

@@ -81,6 +81,14 @@ class Block:
         value = getattr(self.shot, name)
         return None if value is None else np.broadcast_to(np.asarray(value), (len(self),))
 
+    def information(self) -> Float[np.ndarray, "points 3 3"]:
+        """Inverse covariance of the control points, zero for others; a sigma below a micrometre counts as one."""
+        known = self.role == "control"
+        inverse = np.zeros((len(known), 3, 3))
+        values, vectors = np.linalg.eigh(self.covariance_m2[known])
+        inverse[known] = (vectors / np.maximum(values, 1e-12)[:, None, :]) @ vectors.swapaxes(1, 2)
+        return inverse
+
     def shots(self, index: Any = slice(None)) -> Shot:
         """The shots of rays, by index of any shape."""
         picked: dict[str, Any] = {}

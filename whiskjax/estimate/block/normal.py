@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ...algebra.symmetric import inverse_lower
@@ -65,12 +64,12 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3) -
     nothing = Normal(jnp.zeros((6, stations) * 2), jnp.zeros((6, stations, size)), jnp.zeros((size, size)))
 
     def add(k, carry):
-        normal, points = carry
+        normal, all_moved = carry  # `points` is only read: read and written in one carry, XLA copies it for every chunk
         chunk, at = tiles.chunk(k), tuple(c[k] for c in points)
         rows = chunk_rows(sensor, unknowns, chunk, at, tiles.width)
         normal = _add_chunk(normal, chunk, at, rows)
         moved = tuple(a + s for a, s in zip(at, backward(rows.factor, rows.right), strict=True))
-        return normal, tuple(jax.lax.dynamic_update_index_in_dim(c, m, k, 0) for c, m in zip(points, moved, strict=True))
+        return normal, tuple(jax.lax.dynamic_update_index_in_dim(c, m, k, 0) for c, m in zip(all_moved, moved, strict=True))
 
     return jax.lax.fori_loop(0, tiles.count, add, (nothing, points))
 
@@ -204,11 +203,3 @@ def _square(rows: Array) -> Array:
 def _add(whole: Array, block: Array, at: tuple[Any, ...]) -> Array:
     at = tuple(jnp.asarray(i, dtype=jnp.int32) for i in at)
     return jax.lax.dynamic_update_slice(whole, jax.lax.dynamic_slice(whole, at, block.shape) + block, at)
-
-
-def information_of(covariance_m2: Float[np.ndarray, "points 3 3"], known: np.ndarray) -> Float[np.ndarray, "points 6"]:
-    """Upper triangles of the inverse covariances, zero where nothing is known; a sigma below a micrometre counts as one."""
-    inverse = np.zeros((len(known), 3, 3))
-    values, vectors = np.linalg.eigh(covariance_m2[known])
-    inverse[known] = (vectors / np.maximum(values, 1e-12)[:, None, :]) @ vectors.swapaxes(1, 2)
-    return np.stack([inverse[:, i, j] for i in range(3) for j in range(i, 3)], axis=-1)

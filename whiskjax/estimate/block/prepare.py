@@ -17,7 +17,6 @@ from ...chain.sensor import Sensor
 from ...rules import WhiskjaxError
 from ..unknown import Unknown, admit, start_of
 from .block import Block
-from .normal import information_of
 from .plan import Plan, plan
 from .pos_errors import PosErrors
 from .tiles import Chunk, Tiles, Unknowns
@@ -67,7 +66,7 @@ class Prepared:
         weight = np.where(lone[self.block.point][:, None], 0.0, weight)
         held = _components(np.where((self.plan.ray >= 0)[..., None], weight[self.plan.ray], 0.0), self.ready.tiles)
         known = self.block.role == "control"
-        information = _information(self.plan, information_of(self.block.covariance_m2, known), lone)
+        information = _information(self.plan, self.block.information(), lone)
         control = _components((known[self.plan.point] & (self.plan.point >= 0))[..., None], self.ready.tiles)[0]
         tiles = self.ready.tiles
         place = tuple(jnp.where(control, p, at) for p, at in zip(tiles.chunks.place, state.points, strict=True))
@@ -133,7 +132,7 @@ def prepare(
     )
     known = block.role == "control"
     place = np.where(known[:, None], block.position_m, start_m)
-    tiles = _tiles(block, laid, place, information_of(block.covariance_m2, known))
+    tiles = _tiles(block, laid, place, block.information())
     points = _components(start_m[np.maximum(laid.point, 0)], tiles)
     has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
     ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
@@ -174,10 +173,11 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
 
 
 def _information(laid: Plan, information: np.ndarray, lone: np.ndarray) -> np.ndarray:
-    """Of the points of every tile; the identity where there is no point, or one that takes no part."""
+    """Upper triangles of the points of every tile; the identity where there is no point, or one that takes no part."""
+    upper = np.stack([information[:, i, j] for i in range(3) for j in range(i, 3)], axis=-1)
     identity = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
     takes_part = (laid.point >= 0) & ~lone[laid.point]
-    return np.where(takes_part[..., None], information[laid.point], identity)
+    return np.where(takes_part[..., None], upper[laid.point], identity)
 
 
 def _grown(a: np.ndarray, size: int) -> np.ndarray:

@@ -85,7 +85,7 @@ def _groups(
     squared = np.where(some, (residual**2).sum(axis=1), 0.0)
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     off = np.where(control[:, None], np.nan_to_num(point - block.position_m), 0.0)[control]
-    pulled = np.einsum("ni,nij,nj->", off, np.linalg.inv(block.covariance_m2[control] + 1e-12 * np.eye(3)), off)
+    pulled = np.einsum("ni,nij,nj->", off, block.information()[control], off)
     seen = np.unique(block.point[some])
     ties, others = int((block.role[seen] == "tie").sum()), int((block.role[seen] == "check").sum())
     roots, x = np.asarray(ready.roots), np.asarray(state.x)

@@ -72,7 +72,7 @@ def _judge(prepared: Prepared, state: State) -> Judged:
     rows = np.asarray(_by_point(sensor, block.shots(), at)) / block.sigma_px[:, :, None]
     control = block.role == "control"
     root = np.zeros((len(block.role), 3, 3))
-    root[control] = np.linalg.inv(np.linalg.cholesky(block.covariance_m2[control] + 1e-12 * np.eye(3)))
+    root[control] = np.linalg.cholesky(block.information()[control]).swapaxes(1, 2)
     off = np.where(control[:, None], block.position_m - point, 0.0)
     return Judged(residual, rows, np.einsum("nij,nj->ni", root, np.nan_to_num(off)), root)
 
