@@ -242,5 +242,6 @@ def two_steps(scene: Scene, seed: int, white: bool, max_rounds: int) -> Loop:
     """The paper's loop and the joint adjustment of one block, with POS errors taken as correlated or as white."""
     drawn, numbers, errors = draw(scene, seed), unknowns(scene), PosErrors(**pos_errors(scene, white))
     joint = adjust(drawn.sensor, drawn.block, numbers, pos_errors=errors)
-    loop = two_step(drawn.sensor, drawn.block, numbers, pos_errors=errors, mounts=MOUNTS, max_rounds=max_rounds)
+    block = joint.block  # its rays are at their crossings already
+    loop = two_step(drawn.sensor, block, numbers, pos_errors=errors, mounts=MOUNTS, retime=False, max_rounds=max_rounds)
     return Loop(loop, np.abs((loop.values - joint.value[:6]) / joint.trust.sigma[:6]).max(axis=1))

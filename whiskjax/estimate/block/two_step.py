@@ -71,6 +71,7 @@ def two_step(
     pos_errors: PosErrors,
     mounts: Sequence[str],
     tolerance: float = 1e-6,
+    retime: bool = True,
     max_rounds: int = 100,
 ) -> TwoStep:
     """The paper's loop, to the end.
@@ -79,6 +80,9 @@ def two_step(
 
     - `unknowns`: as for `adjust`; `mounts`: names of those that step two fits (lever arm, boresight, drifts).
     - `tolerance`: distance left to the joint solution, in predicted sigmas of the mounts, at which the loop ends.
+
+    - `retime`: as for `adjust`, once, at the first solution. To compare with a joint solution give its `Adjustment.block`, and
+      turn this off: then both adjust the same numbers.
 
     **Raises:** as `adjust`; `WhiskjaxError` where a name is no unknown, or nothing is left for step one.
     """
@@ -95,10 +99,11 @@ def two_step(
     state, value = prepared.start, np.array([float(read(sensor, x.places[0])) for x in second])
     mean = np.array([v if x.mean is None else x.mean for x, v in zip(second, value, strict=True)])
     prior = np.array([0.0 if x.sigma is None else 1 / x.sigma for x in second])
-    solved = gauss_newton(prepared.ready, state)
-    if sensor.is_line:
+    if retime and sensor.is_line:
+        solved = gauss_newton(prepared.ready, state)
         prepared = retimed(prepared, solved.state, first, pos_errors)
         state = prepared.start
+
     values, steps, early = [value], [], None
     sigma, rate = np.ones(len(second)), 1.0
     has_converged = False
