@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import whiskjax as wj
 from whiskjax.flights import songshan, songshan_draw
+from whiskjax.flights.map_limits import PROFILE, Limit
 
 SMALL = {"ties": 300, "pos_hz": 20.0}
 A, B = songshan.Scene("A", **SMALL), songshan.Scene("B", **SMALL)
@@ -284,10 +285,10 @@ def test_folder_and_back(tmp_path, basis):
 
 
 def test_limits_of_the_standard():
-    assert songshan.PROFILE.limits[1000, "hilly"] == (0.5, 0.4)
-    assert songshan.PROFILE.limits[5000, "alpine"] == (2.5, 2.5)
-    assert len(songshan.PROFILE.limits) == 12
-    own = dataclasses.replace(songshan.PROFILE, name="ours", limits={(1000, "hilly"): songshan.Limit(0.3, 0.3)})
+    assert PROFILE.limits[1000, "hilly"] == (0.5, 0.4)
+    assert PROFILE.limits[5000, "alpine"] == (2.5, 2.5)
+    assert len(PROFILE.limits) == 12
+    own = dataclasses.replace(PROFILE, name="ours", limits={(1000, "hilly"): Limit(0.3, 0.3)})
     assert own.limits[1000, "hilly"].height_m == 0.3
 
 

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 import whiskjax as wj
 from whiskjax.chain.correction import Correction
 from whiskjax.flights import songshan, songshan_draw
-from whiskjax.flights.songshan_paper import PRINTED, TABLE_3, Row, contradictions, limited
+from whiskjax.flights.songshan_paper import limited
+from whiskjax.flights.songshan_printed import PRINTED, TABLE_3, Row, contradictions
 from whiskjax.flights.songshan_study import WRONG_PX, attitude_rms_rad, spoil, spread_control
 
 SCENE = songshan.Scene("B", ties=100, pos_hz=20.0)

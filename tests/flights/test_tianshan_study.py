@@ -10,8 +10,8 @@ import whiskjax as wj
 from tests import oracles
 from tests.locate.textbooks import EXACT, MOTIONS, TABLE_1, Chain, assert_in_sigmas, differentiated, enu, kalman, noise_of
 from whiskjax.flights import tianshan
+from whiskjax.flights.figure import Figure
 from whiskjax.flights.tianshan_open import in_time, refraction
-from whiskjax.flights.tianshan_paper import Figure
 from whiskjax.flights.tianshan_study import (
     CONSTANT,
     FAR_M,

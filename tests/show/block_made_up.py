@@ -54,7 +54,7 @@ def adjusted(flight: Flight, **more) -> Adjusted:
         "is_consistent": True,
         "steps": 5,
         "result": wj.RESULTS.successful,
-        "warnings": ("no point ties strip 1 to the other images: only POS and control hold them together",),
+        "warnings": ("no point ties strip west to the other images: only POS and control hold them together",),
     }
     return Adjusted(flight, Adjustment(**(fields | more)))
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from whiskjax.flights import tianshan_paper
+from whiskjax.flights.figure import Figure
 from whiskjax.flights.tianshan_open import Bent, HandedOn, Offset
-from whiskjax.flights.tianshan_paper import Figure, Measured, Sizes, measure
+from whiskjax.flights.tianshan_paper import Measured, Sizes, measure
 from whiskjax.flights.tianshan_study import Trial
 
 SIZES = Sizes(runs=20, circle=30, calibrations=20, offsets=5)

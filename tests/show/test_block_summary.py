@@ -82,10 +82,6 @@ def test_limits():
     assert summarise(made("limits missed"))["verdict"]["is_sound"]
 
 
-def test_warnings_name_strips():
-    assert any("no point ties strip west to the other" in warning for warning in summarise(made("sound"))["warnings"])
-
-
 def test_unknowns_are_in_their_unit():
     rows = {row["name"]: row for row in summarise(made("sound"))["unknowns"]}
     assert rows["ex"]["unit"] == "deg" and rows["ex"]["prior_sigma"] == pytest.approx(1.0) and rows["ex"]["start"] == 0

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from whiskjax.rules import RESULTS
+from whiskjax.show.plain import probability
 from whiskjax.show.residuals import gather
-from whiskjax.show.summary import probability, summarise
+from whiskjax.show.summary import summarise
 
 
 def test_is_plain_data(summary):

@@ -10,7 +10,9 @@ import pytest
 from whiskjax.estimate.block.adjustment import Statistics
 from whiskjax.estimate.block.direct import Direct
 from whiskjax.flights import songshan_paper
-from whiskjax.flights.songshan_paper import Figure, Measured, Row, Sizes, band, measure
+from whiskjax.flights.figure import Figure
+from whiskjax.flights.songshan_paper import Measured, Sizes, measure
+from whiskjax.flights.songshan_printed import Row, band
 from whiskjax.flights.songshan_study import TRUE_MOUNTS, Followed, Honest, Loop, Spoilt, Weighed
 
 SIZES = Sizes(ties=200, few_ties=200, seeds=2, rounds=5)

@@ -15,8 +15,8 @@ from .start import start_jax
 if TYPE_CHECKING:
     from ..files.standard import Standard
     from ..show.block.adjusted import Adjusted
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 _OURS = (
     "results.json",
@@ -108,7 +108,7 @@ def _standard(profile: str | None, terrain: str | None) -> "Standard | None":
             raise typer.BadParameter("the limits of a terrain need a map scale: --profile 1000", param_hint="--terrain")
         return None
     from ..files.standard import Standard, read_standard
-    from ..flights.songshan import PROFILE
+    from ..flights.map_limits import PROFILE
 
     if not profile.isdecimal():
         if terrain is not None:

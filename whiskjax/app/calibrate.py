@@ -15,8 +15,8 @@ from .start import start_jax
 if TYPE_CHECKING:
     from ..estimate.calibrate import Calibration
     from ..flights.flight import Flight
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 _BOUND = 2.5
 _WARNINGS_SHOWN = 12

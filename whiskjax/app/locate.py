@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ..locate.guess import Guess
     from ..locate.looks import Looks
     from ..show.location.target_sighting import Sighting
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 _MAPS = ("target.geojson", "target.kml")
 _OURS = (

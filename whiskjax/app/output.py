@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from ..rules import FlightError
 
 if TYPE_CHECKING:
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 
 def refuse_place(out: Path, flight: Path | None = None) -> None:

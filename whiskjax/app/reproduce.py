@@ -8,14 +8,15 @@ import typer
 
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, whole_folder, write_report
+from .print_study import bands_sentence, print_study
 from .reproduce_location import location
 from .reproduce_three_line import three_line
 from .start import start_jax
 
 if TYPE_CHECKING:
     from ..flights.haian_study import Study
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 _DRAW = "draw and write"
 _OURS = (
@@ -101,33 +102,13 @@ def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Dra
 
 
 def _print(summary: "Summary", out: Path) -> None:
-    """Tables first, the verdict last: it is what stays in view."""
-    from rich.console import Console
-    from rich.text import Text
-
-    from ..show.tables import for_terminal
     from ..show.whiskbroom.findings import findings
     from ..show.whiskbroom.open_questions import answers_table
     from ..show.whiskbroom.tables import bands, in_order
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=120)
-    answers = [answers_table(summary["open_questions"])] if summary["open_questions"] else []
-    for table in (*in_order(summary), bands(summary), *answers):
-        console.print(for_terminal(table))
-        console.print()
-    console.print(Text("What the paper contradicts or leaves open (in words in report.html):"))
-    for finding in findings(summary):
-        console.print(Text(f"  - {finding.title}"))
-    verdict = summary["verdict"]
-    console.print()
-    style = "bold green" if verdict["is_inside"] else "bold red"
-    console.print(Text(f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it.", style=style))
-    if answers:
-        console.print(
-            Text(f"{verdict['open_met']} of {verdict['open_asked']} figures asked of the open questions are met.", style=style)
-        )
-    for name in (*verdict["outside"], *verdict["open_missed"]):
-        console.print(Text(f"  - outside: {name}"))
-    console.print(f"Written to {out}: report.html, results.json, tables and figures", soft_wrap=True, markup=False)
+    verdict, questions = summary["verdict"], summary["open_questions"]
+    tables, sentences = [*in_order(summary), bands(summary)], [bands_sentence(verdict)]
+    if questions:
+        tables.append(answers_table(questions))
+        sentences.append(f"{verdict['open_met']} of {verdict['open_asked']} figures asked of the open questions are met.")
+    print_study(tables, findings(summary), sentences, (*verdict["outside"], *verdict["open_missed"]), out)

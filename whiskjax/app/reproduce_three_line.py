@@ -8,11 +8,12 @@ import typer
 
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, whole_folder, write_report
+from .print_study import bands_sentence, print_study
 from .start import start_jax
 
 if TYPE_CHECKING:
+    from ..show.plain import Summary
     from ..show.style import Drawing
-    from ..show.summary import Summary
 
 _DRAW = "draw and write"
 _SHEETS = ("tables.csv", "table_3.csv", "limits.csv", "figures.csv")
@@ -66,27 +67,8 @@ def _write(folder: Path, summary: "Summary", drawings: "list[Drawing]") -> None:
 
 
 def _print(summary: "Summary", out: Path) -> None:
-    """Tables first, the verdict last: it is what stays in view."""
-    from rich.console import Console
-    from rich.text import Text
-
-    from ..show.tables import for_terminal
     from ..show.three_line.findings import findings
     from ..show.three_line.tables import tables
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=160)
-    for table in tables(summary):
-        console.print(for_terminal(table))
-        console.print()
-    console.print(Text("What the paper contradicts or leaves out (in words in report.html):"))
-    for finding in findings(summary):
-        console.print(Text(f"  - {finding.title}"))
     verdict = summary["verdict"]
-    style = "bold green" if verdict["is_inside"] else "bold red"
-    console.print()
-    console.print(Text(f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it.", style=style))
-    for name in verdict["outside"]:
-        console.print(Text(f"  - outside: {name}"))
-    console.print(f"Written to {out}: report.html, results.json, tables and figures", soft_wrap=True, markup=False)
+    print_study(tables(summary), findings(summary), [bands_sentence(verdict)], verdict["outside"], out, width=160)

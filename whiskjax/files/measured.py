@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..flights.flight import ROLES, Image, Measurements, Points
+from ..estimate.block.block import ROLES
+from ..flights.flight import Image, Measurements, Points
 from ..rules import FlightError
 from .images import LINES
 from .names import listed, meant

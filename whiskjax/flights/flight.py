@@ -21,8 +21,6 @@ from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
 from ..rules import FlightError
 
-ROLES = ("control", "check", "tie")
-
 
 @dataclasses.dataclass(frozen=True)
 class World:
@@ -204,6 +202,7 @@ class Flight:
             role,
             self.points.names,
             [self.images[int(i)].name for i in self.measurements.image],
+            self.strips,
         )
 
     def looks(self, points: Sequence[int]) -> tuple[Looks, Int[np.ndarray, " looks"]]:

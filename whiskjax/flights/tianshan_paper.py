@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .figure import Figure
 from .tianshan import FIRST_GUESS, FLIGHT_TARGET, Scene
 from .tianshan_open import handed_on, refraction, time_offset
 from .tianshan_study import (
@@ -36,29 +37,6 @@ SECTIONS = (
     "Figure 6", "Figure 7", "Figure 8", "Figure 9", "Figure 10", "Table 2", "estimators", "constant errors", "refraction",
     "calibration handed on", "time offset",
 )  # fmt: skip
-
-
-class Figure(NamedTuple):
-    """One figure: what the paper prints (empty: nothing), the band (None: none), what was reached, in its unit."""
-
-    section: str
-    what: str
-    unit: str
-    paper: str
-    low: float | None
-    high: float | None
-    reached: float
-
-    @property
-    def has_band(self) -> bool:
-        """Whether something was asked."""
-        return self.low is not None or self.high is not None
-
-    @property
-    def is_inside(self) -> bool:
-        """Whether the figure lies in its band."""
-        low, high = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
-        return low <= self.reached <= high
 
 
 class Sizes(NamedTuple):

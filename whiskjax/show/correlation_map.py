@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from .plain import Summary
 from .style import INK, NORMAL, SMALL, WIDTH_INCH, Drawing, new_figure
-from .summary import Summary
 
 _WITH_VALUES = 32
 

@@ -1,10 +1,10 @@
 """The figures of a calibration, in the order in which a report shows them."""
 
 from .correlation_map import draw_correlations
+from .plain import Summary
 from .residuals import Residuals
 from .shrinkage import draw_shrinkage
 from .style import Drawing
-from .summary import Summary
 from .trends import draw_trends
 from .vectors import draw_vectors
 

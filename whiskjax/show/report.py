@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from .page import render
+from .plain import Summary, probability
 from .style import Drawing
-from .summary import Summary, probability
 from .tables import blunders, correlations, detectable, fixed, largest, parameters, residuals, short, weights
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..estimate.unknown import Unknown
+from .plain import Summary, number
 from .residuals import Residuals
-from .summary import Summary, number
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from .plain import PRIOR_ONLY, Summary
 from .style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure
-from .summary import PRIOR_ONLY, Summary
 from .tables import decimals_of, fixed
 
 _PRIOR = "#DADADA"

@@ -5,36 +5,16 @@ not exist (the spread of one residual, the prior of an unknown without one) are 
 theirs in `unit` (degrees, metres, milliseconds, pixels).
 """
 
-import math
-import platform
-from importlib import metadata
-from typing import Any
-
 import numpy as np
 
 from ..estimate.calibrate import Calibration
 from ..flights.flight import Flight
-from ..rules.results import codes_of, message_of
+from .plain import PRIOR_ONLY, Summary, fit, fit_in_words, number, solver, versions, weights
 from .residuals import STAGES, Residuals, gather
 
 HALF_WEIGHT = 0.5
 STRONG = 0.9
-PRIOR_ONLY = 0.05
 _LARGEST = 5
-_UNLIKELY = 1e-4
-
-Summary = dict[str, Any]
-
-
-def number(x: Any) -> float | None:
-    """A float for JSON; None where it is not finite."""
-    value = float(x)
-    return value if math.isfinite(value) else None
-
-
-def probability(p: float) -> str:
-    """A probability for people: below a millionth its exact size says nothing."""
-    return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"
 
 
 def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Summary:
@@ -47,7 +27,7 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
     """
     residuals = gather(calibration, flight)
     parameters = _parameters(calibration)
-    posterior, fit = calibration.posterior, calibration.fit
+    posterior, found = calibration.posterior, calibration.fit
     data = {
         "flight": flight.name,
         "command": command,
@@ -58,18 +38,8 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
             "data_share": "1 - sigma^2 / prior_sigma^2: the part of the prior variance that the data removed",
         },
         "counts": _counts(residuals, flight),
-        "solver": {
-            "converged": int(codes_of(calibration.result)) == 0,
-            "message": message_of(int(codes_of(calibration.result))),
-            "steps": calibration.steps,
-        },
-        "fit": {
-            "variance_factor": number(fit.variance_factor),
-            "sigma_factor": number(math.sqrt(fit.variance_factor)) if fit.variance_factor >= 0 else None,
-            "degrees_of_freedom": fit.degrees_of_freedom,
-            "tail_probability": number(fit.tail_probability),
-            "is_consistent": fit.is_consistent,
-        },
+        "solver": solver(calibration.result, calibration.steps),
+        "fit": fit(found.variance_factor, found.degrees_of_freedom, found.tail_probability, found.is_consistent),
         "parameters": parameters,
         "determined": {
             "is_determined": posterior.is_determined,
@@ -85,11 +55,10 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
         "largest_residuals": _largest(residuals),
         "down_weighted": _down_weighted(residuals),
         "blunders": _blunders(residuals),
-        "weights": _weights(calibration),
+        "weights": weights(calibration.components),
         "detectable": _detectable(residuals),
         "warnings": list(calibration.warnings),
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "optimistix", "numpy")}
-        | {"python": platform.python_version()},
+        "versions": versions("jax", "optimistix", "numpy"),
     }
     data["verdict"] = _verdict(calibration.is_sound, data)
     return data
@@ -252,40 +221,19 @@ def _detectable(residuals: Residuals) -> list[Summary]:
     return rows
 
 
-def _weights(calibration: Calibration) -> list[Summary]:
-    """Groups whose sigmas were estimated; empty where they were not."""
-    found = calibration.components
-    if found is None:
-        return []
-    return [
-        {"group": name, "is_prior": bool(p), "n": int(n), "sigma_factor": number(f), "relative_sigma": number(s)}
-        for name, p, n, f, s in zip(*found, strict=True)
-    ]
-
-
 def _verdict(is_sound: bool, data: Summary) -> Summary:
     """Sound or not, in words that need no statistics."""
-    fit, determined, solver = data["fit"], data["determined"], data["solver"]
+    determined, iteration = data["determined"], data["solver"]
     k = determined["unknowns"]
     reasons = []
     if determined["not_determined"]:
         reasons.append(f"nothing determines {', '.join(determined['not_determined'])}: neither the observations nor a prior")
-    elif not solver["converged"]:
-        reasons.append(f"after {solver['steps']} steps {solver['message']}")
+    elif not iteration["converged"]:
+        reasons.append(f"after {iteration['steps']} steps {iteration['message']}")
     else:
-        reasons.append(f"the iteration converged in {solver['steps']} steps")
+        reasons.append(f"the iteration converged in {iteration['steps']} steps")
         reasons.append(f"observations and priors together determine {'all ' + str(k) if k > 1 else 'the'} unknown{'s' * (k > 1)}")
-    if fit["sigma_factor"] is None:
-        reasons.append("there are no more observations than unknowns, so the fit cannot be tested")
-    else:
-        times = f"the residuals are {fit['sigma_factor']:.2f} times as large as their sigmas say"
-        chance = f"(probability of more by chance: {probability(fit['tail_probability'])})"
-        if not fit["is_consistent"]:
-            reasons.append(f"{times}, more than chance explains {chance}")
-        elif fit["tail_probability"] > 1 - _UNLIKELY:
-            reasons.append(f"{times}: the sigmas given are too large, and so are those of the result")
-        else:
-            reasons.append(f"{times}, which is consistent {chance}")
+    reasons.append(fit_in_words(data["fit"]))
     cautions = []
     if determined["null_space_of_data"] and determined["is_determined"]:
         together = list(dict.fromkeys(name for direction in determined["null_space_of_data"] for name in direction))

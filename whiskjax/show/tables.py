@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from ..estimate.selection import Comparison
 from ..rules import import_extra
+from .plain import PRIOR_ONLY, Summary, probability
 from .residuals import FEW
-from .summary import PRIOR_ONLY, Summary, probability
 
 IMAGES_SHOWN = 12
 _NONE = "–"

@@ -203,5 +203,7 @@ def test_a_strip_tied_to_nothing_is_named(drawn):
     strip = np.asarray(block.key("strip"))
     shared = [p for p in range(len(block.role)) if len(set(strip[block.point == p])) > 1]
     apart = block.keep(~np.isin(block.point, shared))
-    assert connections(block) == [["strip 0", "strip 1"]]
-    assert connections(apart) == [["strip 0"], ["strip 1"]]
+    named, numbered = [f"strip {name}" for name in block.strips], dataclasses.replace(apart, strips=())
+    assert connections(block) == [named]
+    assert connections(apart) == [[named[0]], [named[1]]]
+    assert connections(numbered) == [["strip 0"], ["strip 1"]]

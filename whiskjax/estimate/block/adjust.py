@@ -75,6 +75,7 @@ def adjust(
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
     prepared = prepare(sensor, block, unknowns, pos_errors, np.asarray(start_m, dtype=float))
+    start_u = np.asarray(prepared.start.u)
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
         prepared = retimed(prepared, solved.state, unknowns, pos_errors)
@@ -87,7 +88,7 @@ def adjust(
             if reweigh:
                 prepared, solved, more = weights.reweigh(prepared, solved, used)
                 found = more if found is None else more._replace(factor=found.factor * more.factor)
-    return report(prepared, solved, unknowns, pos_errors, used, found, throw)
+    return report(prepared, solved, unknowns, pos_errors, start_u, used, found, throw)
 
 
 def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> Prepared:
@@ -104,6 +105,7 @@ def report(
     solved: Solved,
     unknowns: Sequence[Unknown],
     pos_errors: PosErrors | None,
+    start_u: Float[np.ndarray, " q"],
     used: Bool[np.ndarray, " rays"],
     found: Components | None,
     throw: bool,
@@ -122,7 +124,8 @@ def report(
     point[nowhere], covariance[nowhere] = np.nan, np.nan
     numbers = ready.unknowns
     size = state.x.size
-    value = np.asarray(numbers.mean) + np.asarray(numbers.scale) * np.asarray(state.u)
+    mean, scale = np.asarray(numbers.mean), np.asarray(numbers.scale)
+    value = mean + scale * np.asarray(state.u)
     trust = _trust(ready, state, inverse)
     squared = np.where(used[:, None], (residual / block.sigma_px) ** 2, 0.0)
     control = block.role == "control"
@@ -142,7 +145,7 @@ def report(
         sensor=assign(solution, unknowns, value) if unknowns else solution,
         unknowns=tuple(unknowns),
         value=value,
-        start=np.asarray(numbers.mean) + np.asarray(numbers.scale) * np.asarray(prepared.start.u),
+        start=mean + scale * start_u,
         trust=trust,
         block=block,
         pos_errors=pos_errors,

@@ -29,7 +29,7 @@ class Block:
     - `position_m`: world frame, (points, 3); NaN for tie points.
     - `covariance_m2`: of the coordinates of control and check points in the world frame, (points, 3, 3); not read for tie points.
     - `role`: "control", "check" or "tie", (points,).
-    - `points`, `images`: names for people, of points and of rays.
+    - `points`, `images`, `strips`: names for people, of points, of rays, and of strips by their number.
     """
 
     shot: Shot
@@ -41,6 +41,7 @@ class Block:
     role: np.ndarray
     points: Sequence[str] = ()
     images: Sequence[str] = ()
+    strips: Sequence[str] = ()
 
     def __post_init__(self):
         rays, points = len(self.point), len(self.role)

@@ -39,4 +39,5 @@ def connections(block: Block) -> list[list[str]]:
         if (new == group).all():
             break
         group = new
-    return [[f"{key} {member[i]}" for i in np.flatnonzero(group == g)] for g in np.unique(group)]
+    names = [f"{key} {block.strips[i] if key == 'strip' and len(block.strips) else i}" for i in member.tolist()]
+    return [[names[i] for i in np.flatnonzero(group == g)] for g in np.unique(group)]

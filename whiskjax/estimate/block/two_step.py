@@ -96,6 +96,7 @@ def two_step(
     first = [x for x in unknowns if x.name not in mounts]
     sensor, start_m = begin(admit(sensor, unknowns), block, pos_errors)
     prepared = prepare(sensor, block, first, pos_errors, start_m)
+    start_u = np.asarray(prepared.start.u)
     state, value = prepared.start, np.array([float(read(sensor, x.places[0])) for x in second])
     mean = np.array([v if x.mean is None else x.mean for x, v in zip(second, value, strict=True)])
     prior = np.array([0.0 if x.sigma is None else 1 / x.sigma for x in second])
@@ -125,7 +126,7 @@ def two_step(
     last = assign(sensor, second, value)
     held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, last))
     solved = gauss_newton(held.ready, state)
-    adjustment = report(held, solved, first, pos_errors, np.ones(len(block), dtype=bool), None, throw=True)
+    adjustment = report(held, solved, first, pos_errors, start_u, np.ones(len(block), dtype=bool), None, throw=True)
     tail = steps[-4:]
     observed = (tail[-1] / tail[0]) ** (1 / (len(tail) - 1)) if len(tail) > 1 and tail[0] > 0 else float("nan")
     return TwoStep(tuple(x.name for x in second), np.array(values), rate, observed, early, has_converged, adjustment)

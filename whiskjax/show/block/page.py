@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..page import render
+from ..plain import Summary
 from ..style import Drawing
-from ..summary import Summary
 from ..tables import short, weights
 from .tables import corrections, counts, largest, left_out, point_sigmas, residuals, standard, statistics, unknowns
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from ...estimate.block.pos_errors import AXES
 from ...files.navigation import position_texts
+from ..plain import Summary, number
 from ..sheets import write_csv
-from ..summary import Summary, number
 from .adjusted import Adjusted
 
 NAMES = ("unknowns.csv", "adjusted_points.csv", "residuals.csv", "corrections.csv")

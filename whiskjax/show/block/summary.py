@@ -5,9 +5,6 @@ None; names end in their unit.
 """
 
 import math
-import platform
-import re
-from importlib import metadata
 
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +12,7 @@ from jaxtyping import Float
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.block import ROLES
 from ...estimate.block.pos_errors import AXES
-from ...estimate.diagnosis import UNLIKELY
-from ...estimate.unknown import admit, start_of
-from ...rules.results import codes_of, message_of
-from ..summary import PRIOR_ONLY, Summary, number, probability
+from ..plain import PRIOR_ONLY, Summary, fit, fit_in_words, number, solver, versions, weights
 from .adjusted import Adjusted
 
 ENU = ("east", "north", "up")
@@ -31,8 +25,7 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
     **Arguments:** `command`: how it was made, for the reader who wants to repeat it.
     """
     flight, adjustment = adjusted.flight, adjusted.adjustment
-    factor, x, y = adjustment.variance_factor, *adjusted.axes
-    code = int(codes_of(adjustment.result))
+    x, y = adjusted.axes
     data: Summary = {
         "flight": flight.name,
         "command": command,
@@ -45,14 +38,8 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         },
         "world": flight.world.kind,
         "counts": _counts(adjusted),
-        "solver": {"converged": code == 0, "message": message_of(code), "steps": adjustment.steps},
-        "fit": {
-            "variance_factor": number(factor),
-            "sigma_factor": number(math.sqrt(factor)) if factor >= 0 else None,
-            "degrees_of_freedom": adjustment.freedom,
-            "tail_probability": number(adjustment.tail_probability),
-            "is_consistent": adjustment.is_consistent,
-        },
+        "solver": solver(adjustment.result, adjustment.steps),
+        "fit": fit(adjustment.variance_factor, adjustment.freedom, adjustment.tail_probability, adjustment.is_consistent),
         "unknowns": _unknowns(adjusted),
         "corrections": _corrections(adjusted),
         "statistics": _statistics(adjusted),
@@ -63,20 +50,12 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "point_sigmas": _point_sigmas(adjusted),
         "largest_residuals": _largest(adjusted, adjustment.used, _LARGEST),
         "left_out": _largest(adjusted, ~adjustment.used, len(adjusted.block)),
-        "weights": _weights(adjusted),
-        "warnings": [_named(warning, adjusted) for warning in adjustment.warnings],
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
-        | {"python": platform.python_version()},
+        "weights": weights(adjustment.components),
+        "warnings": list(adjustment.warnings),
+        "versions": versions("jax", "numpy"),
     }
     data["verdict"] = _verdict(adjusted, data)
     return data
-
-
-def _named(warning: str, adjusted: Adjusted) -> str:
-    """A warning with names in place of the numbers of strips."""
-    strips = adjusted.flight.strips
-    name = lambda found: f"strip {strips[int(found[1])]}" if int(found[1]) < len(strips) else found[0]
-    return re.sub(r"\bstrip (\d+)\b", name, warning)
 
 
 def _counts(adjusted: Adjusted) -> Summary:
@@ -95,9 +74,6 @@ def _counts(adjusted: Adjusted) -> Summary:
 
 def _unknowns(adjusted: Adjusted) -> list[Summary]:
     adjustment, rows = adjusted.adjustment, []
-    if not adjustment.unknowns:
-        return []
-    begun = admit(adjusted.flight.sensor, adjustment.unknowns)
     for k, unknown in enumerate(adjustment.unknowns):
         unit, factor = unknown.unit
         scaled = lambda value, factor=factor: None if value is None else number(value * factor)
@@ -108,7 +84,7 @@ def _unknowns(adjusted: Adjusted) -> list[Summary]:
                 "unit": unit,
                 "prior_mean": scaled(unknown.mean),
                 "prior_sigma": scaled(unknown.sigma),
-                "start": scaled(start_of(begun, unknown)),
+                "start": scaled(adjustment.start[k]),
                 "value": scaled(adjustment.value[k]),
                 "sigma": scaled(adjustment.trust.sigma[k]),
                 "data_share": number(adjustment.trust.data_share[k]),
@@ -273,37 +249,16 @@ def _largest(adjusted: Adjusted, among: np.ndarray, most: int) -> list[Summary]:
     ]
 
 
-def _weights(adjusted: Adjusted) -> list[Summary]:
-    """Groups whose sigmas were estimated; empty where they were not."""
-    found = adjusted.adjustment.components
-    if found is None:
-        return []
-    return [
-        {"group": name, "is_prior": bool(p), "n": int(n), "sigma_factor": number(f), "relative_sigma": number(s)}
-        for name, p, n, f, s in zip(*found, strict=True)
-    ]
-
-
 def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
     """Sound or not, in words that need no statistics."""
-    fit, solver, counts = data["fit"], data["solver"], data["counts"]
+    iteration, counts = data["solver"], data["counts"]
     reasons, cautions = [], []
     reasons.append(
-        f"the iteration converged in {solver['steps']} steps"
-        if solver["converged"]
-        else f"after {solver['steps']} steps {solver['message']}"
+        f"the iteration converged in {iteration['steps']} steps"
+        if iteration["converged"]
+        else f"after {iteration['steps']} steps {iteration['message']}"
     )
-    if fit["sigma_factor"] is None:
-        reasons.append("there are no more observations than unknowns, so the fit cannot be tested")
-    else:
-        times = f"the residuals are {fit['sigma_factor']:.2f} times as large as their sigmas say"
-        chance = f"(probability of more by chance: {probability(fit['tail_probability'])})"
-        if not fit["is_consistent"]:
-            reasons.append(f"{times}, more than chance explains {chance}")
-        elif fit["tail_probability"] > 1 - UNLIKELY:
-            reasons.append(f"{times}: the sigmas given are too large, and so are those of the result")
-        else:
-            reasons.append(f"{times}, which is consistent {chance}")
+    reasons.append(fit_in_words(data["fit"]))
     if (check := data["check"]) is None:
         cautions.append("there are no check points: nothing tests the result from outside")
     else:

@@ -1,6 +1,6 @@
 """Tables of an adjusted block, for the terminal and for the report."""
 
-from ..summary import PRIOR_ONLY, Summary
+from ..plain import PRIOR_ONLY, Summary
 from ..tables import Cell, Table, decimals_of, fixed, percent, short, weights
 
 _LEFT_OUT_SHOWN = 20

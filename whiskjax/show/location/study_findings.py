@@ -3,7 +3,7 @@
 import math
 
 from ..finding import Finding
-from ..summary import Summary
+from ..plain import Summary
 
 
 def findings(summary: Summary) -> tuple[Finding, ...]:

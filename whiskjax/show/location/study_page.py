@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..page import render
+from ..plain import Summary
 from ..style import Drawing
-from ..summary import Summary
 from .study_findings import findings
 from .study_tables import tables
 

@@ -1,14 +1,13 @@
 """The study of paper 003 as tables: paper, reached and band side by side."""
 
 import math
-import platform
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 
-from ...flights.tianshan_paper import Figure, Measured, Sizes
+from ...flights.figure import Figure
+from ...flights.tianshan_paper import Measured, Sizes
+from ..plain import Summary, versions
 from ..sheets import write_csv
-from ..summary import Summary
 from ..tables import Cell, Table, fixed
 
 TITLE = "Paper 003 reproduced: a target located from many oblique looks"
@@ -51,8 +50,7 @@ def summarise(measured: Measured, sizes: Sizes, seed: int, command: str) -> Summ
             | {"reached": f.reached if math.isfinite(f.reached) else None, "is_inside": f.is_inside if f.has_band else None}
             for f in measured.figures
         ],
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
-        | {"python": platform.python_version()},
+        "versions": versions("jax", "numpy"),
     }
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..page import render
+from ..plain import Summary
 from ..style import Drawing
-from ..summary import Summary
 from .target_summary import place
 from .target_tables import accuracy_table, largest, looks, parameters, position_table
 

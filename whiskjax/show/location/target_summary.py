@@ -5,8 +5,6 @@ None; names end in their unit.
 """
 
 import math
-import platform
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from jaxtyping import ArrayLike, Float
 from ...earth.ellipsoid import ecef_to_geodetic
 from ...estimate.diagnosis import UNLIKELY, chi_square_tail
 from ...rules.results import codes_of, message_of
-from ..summary import Summary, number, probability
+from ..plain import Summary, number, probability, versions
 from .target_sighting import STATES, Sighting
 
 # Half-axes of the ellipse that holds 90 of 100, in sigmas: chi-square with two degrees of freedom.
@@ -63,8 +61,7 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
         "largest_innovations": _largest(sighting),
         "remarks": list(sighting.remarks),
         "warnings": [*location.warnings, *_own_warnings(sighting)],
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
-        | {"python": platform.python_version()},
+        "versions": versions("jax", "numpy"),
     }
     data["verdict"] = _verdict(sighting, data)
     return data

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from ...estimate.diagnosis import UNLIKELY
+from ..plain import Summary, number, probability
 from ..sheets import write_csv
-from ..summary import Summary, number, probability
 from ..tables import Cell, Table, decimals_of, fixed, short
 from .target_sighting import Sighting
 from .target_summary import position

@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from ...flights.songshan import FIELD_M, PROFILE
-from ...flights.songshan_paper import CONTROL_POINTS, NOISES, PRINTED, SCALE, STAGES, TERRAIN, Measured, Row, Vectors
+from ...flights.map_limits import PROFILE
+from ...flights.songshan import FIELD_M
+from ...flights.songshan_paper import NOISES, SCALE, TERRAIN, Measured, Vectors
+from ...flights.songshan_printed import CONTROL_POINTS, PRINTED, STAGES, Row
 from ..style import CHECK, COLOUR, CONTROL, INK, MARKER, MUTED, SMALL, Drawing, dress, new_figure, round_number
 
 _LONGEST_M = 1_200.0  # on the map: the length of the longest vector

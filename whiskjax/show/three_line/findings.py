@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from ...flights.songshan_paper import PRINTED, TABLE_3, Row, contradictions
+from ...flights.songshan_printed import PRINTED, TABLE_3, Row, contradictions
 from ..finding import Finding
-from ..summary import Summary
+from ..plain import Summary
 
 _H_M = 2000.0  # above ground, as the paper says
 

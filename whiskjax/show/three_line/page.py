@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..page import render
+from ..plain import Summary
 from ..style import Drawing
-from ..summary import Summary
 from .findings import AGREEMENT, findings
 from .tables import tables
 

@@ -1,28 +1,17 @@
 """Paper 001 as tables: paper, nominal, paper-like and band side by side."""
 
 import math
-import platform
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
-from ...flights.songshan import PROFILE
-from ...flights.songshan_paper import (
-    NOISES,
-    PRINTED,
-    SCALE,
-    TABLE_3,
-    TERRAIN,
-    Figure,
-    Measured,
-    Sizes,
-    band,
-    limited,
-)
+from ...flights.figure import Figure
+from ...flights.map_limits import PROFILE
+from ...flights.songshan_paper import NOISES, SCALE, TERRAIN, Measured, Sizes, limited
+from ...flights.songshan_printed import PRINTED, TABLE_3, band
 from ...flights.songshan_study import MOUNTS, TRUE_MOUNTS
+from ..plain import Summary, versions
 from ..sheets import write_csv
-from ..summary import Summary
 from ..tables import Cell, Table, fixed
 
 TITLE = "Paper 001 reproduced: block adjustment of a three-line camera"
@@ -83,8 +72,7 @@ def summarise(measured: Measured, sizes: Sizes, seed: int, command: str) -> Summ
         "mounts": _mounts(measured),
         "limits": _limits(measured),
         "figures": figures,
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
-        | {"python": platform.python_version()},
+        "versions": versions("jax", "numpy"),
     }
 
 

@@ -7,7 +7,7 @@ import math
 
 from ...flights.haian_paper import TABLE_1, TABLE_4
 from ..finding import Finding
-from ..summary import Summary
+from ..plain import Summary
 from ..tables import fixed, percent
 from .summary import label
 

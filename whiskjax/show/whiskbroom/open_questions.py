@@ -10,9 +10,9 @@ import numpy as np
 from ...flights.haian import SCENES, unknowns
 from ...flights.haian_answers import Answers, Finding
 from ...flights.haian_open import DRIFTS
+from ..plain import Summary
 from ..sheets import write_csv
 from ..style import CHECK, CONTROL, INK, MUTED, SMALL, Drawing, dress, new_figure
-from ..summary import Summary
 from ..tables import Cell, Table, fixed
 
 _THIRD = "#009E73"

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ..page import render
+from ..plain import Summary
 from ..style import Drawing
-from ..summary import Summary
 from .findings import agreement, findings
 from .open_questions import NAMES, answers_table
 from .tables import bands, in_order, swings

@@ -4,9 +4,7 @@ As in a calibration's summary: dicts, lists, strings, booleans and floats; None 
 A figure over the seeds is the median with the 5 % and 95 % quantiles.
 """
 
-import platform
 from collections.abc import Mapping
-from importlib import metadata
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from ...flights.haian import FOCAL_PX, HALF_LINE_PX, SCENES
 from ...flights.haian_answers import Answers
 from ...flights.haian_paper import BANDS, TABLE_1, TABLE_4, TABLES, Column, Printed, is_absolute, tuned_by
 from ...flights.haian_study import SCANS_DEG, Study, correlation_by_scan, mean_x_gap
-from ..summary import Summary
+from ..plain import Summary, versions
 from .open_questions import as_summary
 
 # What the data determine: combinations of unknowns, by their weights.
@@ -68,8 +66,7 @@ def summarise(study: Study, answers: Answers | None = None, command: str = "") -
                 for (first, second), values in correlation_by_scan(study.seeds[:_FEW_SEEDS]).items()
             ],
         },
-        "versions": {name: metadata.version(name) for name in ("whiskjax", "jax", "numpy")}
-        | {"python": platform.python_version()},
+        "versions": versions("jax", "numpy"),
     }
     data["open_questions"] = [] if answers is None else as_summary(answers.findings())
     data["verdict"] = _verdict(figures, data["open_questions"])

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ...flights.haian_paper import TABLES, Column, Printed
 from ...flights.haian_study import Study
+from ..plain import Summary
 from ..sheets import write_csv
-from ..summary import Summary
 from ..tables import Cell, Table, fixed, percent
 from .summary import label
 
