@@ -27,7 +27,7 @@ from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
 from .wrong_ties import snoop
 
-_SINGULAR = 1e-13  # smallest eigenvalue of the normal matrix scaled to unit diagonal; sound blocks have 1e-5 and more
+_SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix scaled to unit diagonal; sound blocks have 1e-5 and more
 
 
 def adjust(
@@ -172,10 +172,16 @@ def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
         return None
     scale = 1 / np.sqrt(diagonal)
     scaled = np.asarray(matrix) * np.outer(scale, scale)
-    if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < _SINGULAR:
+    if not np.isfinite(scaled).all():
         return None
-    root = np.linalg.inv(np.linalg.cholesky(scaled))
-    return (root.T @ root) * np.outer(scale, scale)
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(scaled))
+    except np.linalg.LinAlgError:
+        return None
+    inverse = root.T @ root
+    if 1 / np.linalg.norm(inverse, 1) < _SINGULAR:  # no larger than the smallest eigenvalue, and far cheaper
+        return None
+    return inverse * np.outer(scale, scale)
 
 
 def _evaluated(prepared: Prepared, state: State, inverse: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
