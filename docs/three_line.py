@@ -26,7 +26,8 @@ def page(summary: dict) -> list[str]:
         "Written by `python docs/three_line.py` from the results of `whiskjax reproduce three-line`, which repeats Tables 1 to 6 "
         "and Figures 6 to 14 of the paper beside a simulation, and measures what the paper leaves open.",
         f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it (tables: seed {runs['seed']}; beyond "
-        f"them: {runs['few_ties']} ties, up to {runs['seeds']} seeds). Outside: {'; '.join(verdict['outside']) or 'none'}.",
+        f"them: {runs['few_ties']} ties, or all, and {runs['few_seeds']} to {runs['seeds']} seeds). Outside: "
+        f"{'; '.join(verdict['outside']) or 'none'}.",
         *pictures(PICTURES, "three_line"),
         *sections(tables(summary)),
         "## What was tuned and what follows",

@@ -35,12 +35,12 @@ def test_writes_everything_and_ends_as_the_bands_say(whiskjax, measuring, tmp_pa
     asked, out = measuring(inside), tmp_path / "new" / "out"
     result = whiskjax("reproduce", "three-line", "--out", out, "--seed", 4, "--ties", 500)
     assert (result.exit_code, result.stderr) == (code, "")
-    assert asked == [(songshan_paper.Sizes(500, 500, 4), 4)]
+    assert asked == [(songshan_paper.Sizes(500, 500, 16), 4)]
     assert {path.name for path in out.iterdir()} == WRITTEN
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     verdict = results["verdict"]
     assert verdict["is_inside"] == inside
-    assert results["command"] == f"whiskjax reproduce three-line --out {out} --seed 4 --seeds 4 --ties 500"
+    assert results["command"] == f"whiskjax reproduce three-line --out {out} --seed 4 --seeds 16 --ties 500"
     lines = result.stdout.splitlines()
     assert f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it." in lines
     assert [line for line in lines if line.startswith("  - outside:")] == [f"  - outside: {name}" for name in verdict["outside"]]

@@ -15,7 +15,7 @@ from whiskjax.flights.songshan_paper import Measured, Sizes, measure
 from whiskjax.flights.songshan_printed import Row, band
 from whiskjax.flights.songshan_study import TRUE_MOUNTS, Followed, Honest, Loop, Spoilt, Weighed
 
-SIZES = Sizes(ties=200, few_ties=200, seeds=2, rounds=5)
+SIZES = Sizes(ties=200, few_ties=200, seeds=2, few_seeds=1, rounds=5)
 OUTSIDE = {"wrong tie points found": 12.5}
 OUTSIDE_ROW = Row(1, "A", "adjusted")
 

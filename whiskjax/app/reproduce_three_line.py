@@ -24,7 +24,7 @@ _OURS = ("results.json", "report.html", *_SHEETS, *(f"figure_{number}.png" for n
 def three_line(
     out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
     seed: Annotated[int, typer.Option(min=0, help="Of the flights of the tables.")] = 0,
-    seeds: Annotated[int, typer.Option(min=2, help="How many flights what is beyond the tables is made of.")] = 4,
+    seeds: Annotated[int, typer.Option(min=2, help="How many flights lever arm and boresight are judged by.")] = 16,
     ties: Annotated[
         int | None, typer.Option(min=100, help="Tie points of the tables; by default as many as the paper has.")
     ] = None,
@@ -45,7 +45,7 @@ def three_line(
         from ..show.three_line.tables import summarise
 
         full = Sizes()
-        sizes = Sizes(ties, full.few_ties if ties is None else min(ties, full.few_ties), seeds)
+        sizes = Sizes(ties, full.few_ties if ties is None else min(ties, full.few_ties), seeds, min(seeds, full.few_seeds))
         found = measure(sizes, seed, stages.enter)
         stages.enter(_DRAW)
         words = ["whiskjax", "reproduce", "three-line", "--out", str(out), "--seed", str(seed), "--seeds", str(seeds)]

@@ -17,6 +17,7 @@ from ..chain.shot import Shot
 from ..chain.sweep import sweep
 from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures, require_x64
 from ..rules.results import choose, failure_if, is_successful
+from ..rules.sizes import filled, rounded
 
 _STEPS = 5
 _PARALLEL = 1e-10
@@ -76,10 +77,28 @@ def intersect(
     if not is_traced(sigma) and not bool((sigma > 0).all()):
         raise WhiskjaxError("intersect: sigma_px must be positive")
     sigma = jnp.broadcast_to(sigma, pixel.shape)
-    answer = _intersect(sensor, shot, pixel, jnp.asarray(index, dtype=jnp.int32), sigma, points)
+    rays, whose, size = _filled(index, points)
+    shots = jax.tree.map(lambda a: jnp.broadcast_to(a, index.shape)[rays], shot)
+    found = _intersect(sensor, shots, pixel[rays], jnp.asarray(whose, dtype=jnp.int32), sigma[rays], size)
+    answer = Intersection(
+        found.point_m[:points],
+        found.covariance_m2[:points],
+        found.residual_px[: len(index)],
+        jax.tree.map(lambda a: a[:points], found.result),
+    )
     if throw:
         raise_failures(answer.result, "intersect (index: the point)")
     return answer
+
+
+def _filled(index: Int[np.ndarray, " rays"], points: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rays, whose they are, and how many points, of which few numbers are compiled: the last point once or several times more."""
+    size = rounded(points + 1)
+    last = np.flatnonzero(index == points - 1)
+    rays = np.concatenate([np.arange(len(index)), np.tile(last, size - points)])
+    whose = np.concatenate([index, np.repeat(np.arange(points, size), len(last))])
+    more = filled(len(rays))
+    return rays[more], whose[more], size
 
 
 @eqx.filter_jit

@@ -22,6 +22,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..chain.turn import Readings, Turn
 from ..rules import WhiskjaxError
+from ..rules.sizes import rounded
 from .losses import AbstractLoss
 from .observations import Observations
 from .unknown import Unknown, admit, start_of
@@ -108,12 +109,6 @@ def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2
     return observed, problem.prior * u
 
 
-def _padded(n: int) -> int:
-    """A size of which there are only a few: 8 steps to each doubling."""
-    step = max(8, 2 ** max(0, int(np.log2(n)) - 3))
-    return int(-(-n // step) * step)
-
-
 def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
     told_apart = sensor.key_names()
     choosing = [key for key in KEYS if split and key in told_apart]
@@ -127,7 +122,7 @@ def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tu
     groups, indices = [], []
     for code in np.unique(codes, axis=0):
         index = np.flatnonzero((codes == code).all(axis=1))
-        padded = np.concatenate([index, np.full(_padded(len(index)) - len(index), index[0])])
+        padded = np.concatenate([index, np.full(rounded(len(index), 8) - len(index), index[0])])
         fields: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=False)}
         for key in ("time_s", *KEYS):
             if key not in choosing and (value := observations.key(key)) is not None:

@@ -89,7 +89,7 @@ def reduced(drawn):
 
 @pytest.mark.parametrize(
     "constants, padding",
-    [({"_RAYS_AT_ONCE": 300, "_TILE_POINTS": (16,), "_SLACKS": (2,)}, 3), ({"_TILE_POINTS": (64,), "_SLACKS": (8,)}, 0)],
+    [({"_RAYS_AT_ONCE": 300, "_TILE_POINTS": (16,)}, 3), ({"_TILE_POINTS": (64,), "_MOST_SLACK": 16}, 0)],
     ids=["small tiles", "large tiles"],
 )
 def test_tiles_and_empty_seats(reduced, monkeypatch, constants, padding):
@@ -97,7 +97,7 @@ def test_tiles_and_empty_seats(reduced, monkeypatch, constants, padding):
     ready, expected, points = reduced()
     for name, value in constants.items():
         monkeypatch.setattr(tiling, name, value)
-    monkeypatch.setattr(preparing, "_padded", lambda n: n + padding)
+    monkeypatch.setattr(preparing, "rounded", lambda n: n + padding)
     other, found, moved = reduced()
     assert other.plan.ray.shape != ready.plan.ray.shape
     assert other.ready.tiles.chunks.units.shape[0] == len(other.plan.units) + padding

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float
 
 from ...chain.sensor import Sensor
@@ -27,7 +28,7 @@ from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
 from .wrong_ties import snoop
 
-_SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix scaled to unit diagonal; sound blocks have 1e-5 and more
+_SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix, scaled to unit diagonal; sound blocks have 1e-5
 
 
 def adjust(
@@ -174,12 +175,9 @@ def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
     scaled = np.asarray(matrix) * np.outer(scale, scale)
     if not np.isfinite(scaled).all():
         return None
-    try:
-        root = np.linalg.inv(np.linalg.cholesky(scaled))
-    except np.linalg.LinAlgError:
-        return None
-    inverse = root.T @ root
-    if 1 / np.linalg.norm(inverse, 1) < _SINGULAR:  # no larger than the smallest eigenvalue, and far cheaper
+    inverse = np.asarray(cho_solve(cho_factor(scaled), np.eye(len(scaled))))
+    # One over the norm is no larger than the smallest eigenvalue, and far cheaper.
+    if not np.isfinite(inverse).all() or 1 / np.linalg.norm(inverse, 1) < _SINGULAR:
         return None
     return inverse * np.outer(scale, scale)
 

@@ -21,6 +21,7 @@ from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...rules import SensorError
 from ...rules.results import codes_of, message_of
+from ...rules.sizes import filled
 from .block import Block
 
 
@@ -32,27 +33,28 @@ def at_crossing(sensor: Sensor, block: Block, point_m: Float[np.ndarray, "points
 
     **Arguments:** `sensor`: of line cameras, at the solution; `point_m`: of every point that is seen.
     """
-    time = np.asarray(block.key("time_s"), dtype=float)
-    offset, rate = (np.asarray(a) for a in _offset(sensor, block.shots(), jnp.asarray(point_m[block.point])))
+    time, rays = np.asarray(block.key("time_s"), dtype=float), filled(len(block))
+    found = _offset(sensor, block.shots(rays), jnp.asarray(point_m[block.point[rays]]))
+    offset, rate = (np.asarray(a)[: len(block)] for a in found)
     moved = -offset / np.where(rate == 0, np.inf, rate)
     shot = dataclasses.replace(block.shots(), time_s=time + moved)
-    moved = np.where(_codes(sensor, shot) == 0, moved, 0.0)
+    moved = np.where(_codes(sensor, dataclasses.replace(block, shot=shot)) == 0, moved, 0.0)
     pixel = block.pixel_px + np.stack([np.zeros_like(moved), rate * moved], axis=-1)
     return dataclasses.replace(block, shot=dataclasses.replace(shot, time_s=jnp.asarray(time + moved)), pixel_px=pixel)
 
 
 def refuse_unrecorded(sensor: Sensor, block: Block) -> None:
     """**Raises:** `SensorError` naming the first ray at whose time, or for whose keys, the sensor knows no pose."""
-    codes = _codes(sensor, block.shots())
+    codes = _codes(sensor, block)
     if codes.any():
         i = int(np.argmax(codes != 0))
         more = f" ({int((codes != 0).sum())} of {len(codes)} rays fail)" if (codes != 0).sum() > 1 else ""
         raise SensorError(f"{block.ray_label(i)}: {message_of(int(codes[i]))}{more}")
 
 
-def _codes(sensor: Sensor, shot: Shot) -> np.ndarray:
-    shape = next(np.shape(value) for value in (shot.time_s, shot.image, shot.view, shot.strip, shot.swing) if value is not None)
-    return np.broadcast_to(codes_of(_check(sensor, shot)), shape)
+def _codes(sensor: Sensor, block: Block) -> np.ndarray:
+    rays = filled(len(block))
+    return np.broadcast_to(codes_of(_check(sensor, block.shots(rays))), rays.shape)[: len(block)]
 
 
 @eqx.filter_jit

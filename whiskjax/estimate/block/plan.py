@@ -5,6 +5,7 @@ product instead of thousands of small blocks. A tile has one unit or several (st
 once for a block.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from jaxtyping import Int
 
 _RAYS_AT_ONCE = 4096  # what the chain is evaluated for in one go: enough for vector loops, little enough for the cache
 _TILE_POINTS = (16, 32, 48, 64, 128)
-_SLACKS = (0, 1, 2, 3, 4, 6, 8)
+_MOST_SLACK = 8
 _UNIT_COST = 3e5  # what a unit costs besides its products, in multiplications
 
 
@@ -62,16 +63,21 @@ def plan(point: Int[np.ndarray, " rays"], first: Int[np.ndarray, " rays"], actin
     order = np.lexsort((drawn, point))
     extent, seats = _passes(point[order], drawn[order], acting)
     tried = []
-    for slack in _SLACKS:
-        width = min(extent + slack, stations)
-        grouped = _units(point, drawn, order, width - slack, acting, seats)
+    for width in _widths(extent, stations):
+        slack = width - extent
+        grouped = _units(point, drawn, order, extent, acting, seats)
         for size in _TILE_POINTS:
             shapes = [_tiles(ray, start, width, slack, size, stations, apart) for ray, start in grouped]
             tried.append((sum(_cost(shape, width) for shape in shapes), width, shapes))
-        if extent + slack >= stations:
-            break
     _, width, shapes = min(tried, key=lambda t: t[0])
     return _chunks(shapes, point, width)
+
+
+def _widths(extent: int, stations: int) -> list[int]:
+    """Widths that hold the extent, four to each doubling, so that similar blocks share compiled functions."""
+    grid = [g << k for k in range(stations.bit_length()) for g in (4, 5, 6, 7)]
+    enough = [width for width in (1, 2, 3, *grid) if extent <= width < stations] + [stations]
+    return [width for width in enough if width <= max(enough[0], extent + _MOST_SLACK)]
 
 
 def _passes(point: np.ndarray, first: np.ndarray, acting: int) -> tuple[int, int]:
@@ -169,7 +175,7 @@ def _chunks(shapes: Sequence[_Shape], point: np.ndarray, width: int) -> Plan:
             numbers = range(here.start, here.stop)
             pairs[c] += [(a, b) for a in numbers for b in numbers if b < a]
             units[c] = here.stop
-    longest = max(1, *map(len, pairs))
+    longest = 2 ** math.ceil(math.log2(max(1, *map(len, pairs))))  # few sizes: how many there are is a number
     pair = np.zeros((chunks, longest, 2), dtype=int)
     for c, some in enumerate(pairs):
         if some:

@@ -15,6 +15,7 @@ from ...chain.address import Address, make_room
 from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...rules import WhiskjaxError
+from ...rules.sizes import rounded
 from ..unknown import Unknown, admit, start_of
 from .block import Block
 from .plan import Plan, plan
@@ -167,7 +168,7 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
         _columns(_information(laid, information, np.zeros(len(information), dtype=bool))),
         *(jnp.asarray(a, dtype=jnp.int32) for a in (laid.tile, laid.start, laid.pair, laid.units, laid.pairs)),
     )
-    size = _padded(len(laid.units))
+    size = rounded(len(laid.units))
     grown = jax.tree.map(lambda a: jnp.asarray(_grown(np.asarray(a), size)), held)
     return Tiles(grown, jnp.asarray(len(laid.units)), laid.width)
 
@@ -193,9 +194,3 @@ def _components(a: np.ndarray, like: Tiles) -> Any:
     """Components on the device, as long as the tiles' arrays."""
     size = like.chunks.units.shape[0]
     return tuple(jnp.asarray(_grown(column, size)) for column in _columns(a))
-
-
-def _padded(n: int) -> int:
-    """A number of which there are only a few: 8 to each doubling."""
-    step = max(1, 2 ** max(0, int(np.log2(n)) - 3))
-    return int(-(-n // step) * step)
