@@ -15,6 +15,10 @@ ARGS ?=
 # A ratio to a one-thread peer is only fair when the numerical libraries keep to one thread as well.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1
 
+# Tests compile thousands of functions and run each a few times: a third of the time is saved where LLVM hurries. Everything else
+# (notebooks, demo, benchmarks) runs the code as users have it.
+QUICK := XLA_FLAGS="--xla_llvm_disable_expensive_passes=true $(XLA_FLAGS)"
+
 .PHONY: help demo test lint format types notebooks bench gate clean distclean
 
 help:
@@ -46,7 +50,7 @@ demo: $(VENV)/.app
 	$(BIN)/whiskjax calibrate examples/haian --out out/haian
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(QUICK) $(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check

@@ -215,3 +215,14 @@ def test_two_views_of_a_line_camera_meet():
     pixel = np.stack([samples.ravel(), np.zeros(4)], -1)
     found = wj.intersect(sensor, wj.Shot(time_s=times.ravel(), view=np.array([0, 0, 1, 1])), pixel, np.array([0, 1, 0, 1]))
     np.testing.assert_allclose(found.point_m, points, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", range(1, len(LOOKS)))
+def test_points_do_not_depend_on_how_many_there_are(count):
+    """Sizes are rounded up inside: none of what fills them is seen outside."""
+    here = count > POINT
+    some, everything = intersect(NOISY_PX[here], POINT[here], IMAGE[here], SIGMA_PX[here]), intersect(NOISY_PX)
+    assert (some.point_m.shape, some.residual_px.shape) == ((count, 3), (here.sum(), 2))
+    np.testing.assert_allclose(some.point_m, everything.point_m[:count], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(some.covariance_m2, everything.covariance_m2[:count], rtol=1e-9)
+    np.testing.assert_allclose(some.residual_px, everything.residual_px[here], rtol=0, atol=1e-8)

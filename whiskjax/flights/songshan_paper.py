@@ -149,7 +149,7 @@ _Figures = Iterator[tuple[str, str, float | None, float | None, float]]
 
 def _figures(section: str, rows: _Figures) -> list[Figure]:
     """Figures beyond the paper: what, unit, bounds, reached."""
-    return [Figure(section, what, unit, "", low, high, reached) for what, unit, low, high, reached in rows]
+    return [Figure(section, what, unit, "", low, high, float(reached)) for what, unit, low, high, reached in rows]
 
 
 def _mounts(sizes: Sizes) -> _Figures:
