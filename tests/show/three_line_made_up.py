@@ -62,7 +62,7 @@ def made(inside: bool = True, sections: list[str] | None = None) -> Measured:
         "readjusted": adjusted,
         "direct_positioning": direct,
         "assign": lambda *_: None,
-        "run": lambda scene, seed, white=False: SimpleNamespace(
+        "run": lambda scene, seed, white=False, reweigh=False: SimpleNamespace(
             scene=scene, seed=seed, mount_errors=np.stack([rng.normal(0, 0.03, 6), np.full(6, 0.03)])
         ),
         "followed": lambda *_, **__: Followed(*rng.uniform(1e-5, 1e-4, 3)),

@@ -74,7 +74,7 @@ class Scene:
     **Arguments:**
 
     - `name`: data set "A" or "B".
-    - `noise`: "nominal", "still" (nominal without vibration) or "paper-like".
+    - `noise`: "nominal" or "paper-like".
     - `ties`: number of tie points; None is as many as the paper has. Fewer leave everything else as it is.
     - `spacing_s`, `basis`: of the corrections of POS, "orientation images" or "spline", with nodes in every strip.
     - `drift`: whether every strip has a drift of attitude of its own (paper 001, equation 6).

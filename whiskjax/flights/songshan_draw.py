@@ -128,7 +128,7 @@ class Noise(NamedTuple):
     vibration: float
 
 
-NOISE = {"nominal": Noise(0.3, 0.5, 1.0), "still": Noise(0.3, 0.5, 0.0), "paper-like": Noise(3.5, 2.0, 3.0)}
+NOISE = {"nominal": Noise(0.3, 0.5, 1.0), "paper-like": Noise(3.5, 2.0, 3.0)}
 
 
 def start_s(strips: int) -> Float[np.ndarray, " strips"]:

@@ -40,10 +40,10 @@ class Run(NamedTuple):
         return np.stack([self.adjusted.value[:6] - TRUE_MOUNTS, self.adjusted.trust.sigma[:6]])
 
 
-def run(scene: Scene, seed: int, white: bool = False) -> Run:
-    """Draw and adjust. **Arguments:** `white`: POS errors are taken as white."""
+def run(scene: Scene, seed: int, white: bool = False, reweigh: bool = False) -> Run:
+    """Draw and adjust. **Arguments:** `white`: POS errors are taken as white; `reweigh`: sigmas are found from the data."""
     drawn, errors = draw(scene, seed), PosErrors(**pos_errors(scene, white))
-    return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), pos_errors=errors))
+    return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), pos_errors=errors, reweigh=reweigh))
 
 
 @dataclasses.dataclass(frozen=True)
