@@ -1,7 +1,6 @@
 """Bad blocks: what cannot be adjusted is refused by name, what can is adjusted with a warning."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,49 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 from tests.estimate.block.conftest import SCENE
+from tests.estimate.block.frames import FREE, POINTS, POS, frames
 from whiskjax.estimate.block.connect import connections
 from whiskjax.flights import songshan
-
-SIGMA: dict[str, Any] = {"turn_sigma_rad": (1e-3,) * 3, "shift_sigma_m": (1.0,) * 3}
-POS = wj.PosErrors("photo", **SIGMA)
-FREE = wj.PosErrors("photo", **SIGMA, observed=False)
-PLACE_M = np.array([[x, y, 900.0 + 20 * np.sin(x)] for y in (0.0, 250.0) for x in (0.0, 200.0, 400.0)])
-KAPPA_DEG = np.array([0.0, 0, 0, 180, 180, 180])
-POINTS = 24
-
-
-def frames(turned_deg=0.0, control=3, seed=5):
-    """Six frame images in two rows over 24 points, turned about the vertical; everything is off by its sigma."""
-    rng = np.random.default_rng(seed)
-    about = Rotation.from_euler("z", turned_deg, degrees=True)
-    point = np.column_stack([rng.uniform(-50, 450, POINTS), rng.uniform(-50, 300, POINTS), rng.uniform(0, 90, POINTS)])
-    true = about * Rotation.from_euler("ZYX", np.column_stack([KAPPA_DEG, rng.normal(0, 1, (6, 2))]), degrees=True)
-    camera = wj.FrameCamera(3000.0, (2000.0, 1500.0))
-    image, seen = np.divmod(np.arange(6 * POINTS), POINTS)
-    offset = about.apply(point[seen]) - about.apply(PLACE_M)[image]
-    q = np.einsum("nji,nj->ni", true.as_matrix()[image], offset)
-    pixel = np.array([2000.0, 1500.0]) - 3000.0 * q[:, :2] / q[:, 2:] * np.array([1.0, -1.0])
-    pixel = pixel + 0.3 * rng.standard_normal(pixel.shape)
-    recorded = true * Rotation.from_rotvec(rng.normal(0, 1e-3, (6, 3)))
-    places = about.apply(PLACE_M) + true.apply(rng.normal(0, 1.0, (6, 3)))
-    role = np.array(["control"] * control + ["tie"] * (POINTS - control))
-    block = wj.Block(
-        wj.Shot(image=image),
-        pixel,
-        np.full(pixel.shape, 0.3),
-        seen,
-        np.where(np.arange(POINTS)[:, None] < control, about.apply(point + rng.normal(0, 0.02, (POINTS, 3))), np.nan),
-        np.broadcast_to(np.eye(3) * 0.02**2, (POINTS, 3, 3)),
-        role,
-        points=[f"P{i}" for i in range(POINTS)],
-        images=[f"im{i}" for i in image],
-    )
-    sensor = wj.Sensor({"photo": wj.PosePerImage(places, recorded.as_quat())}, camera)
-    return sensor, block, about, point
 
 
 def test_control_fixes_the_datum():
@@ -163,8 +125,8 @@ def changed(name, index, value):
         (changed("pixel_px", (30, 1), np.nan), "ray 30, image im1, point P6: pixel_px is not a finite number"),
         (changed("sigma_px", (5, 0), 0.0), "ray 5, image im0, point P5: sigma_px must be a positive number"),
         (changed("sigma_px", (5, 0), np.nan), "ray 5, image im0, point P5: sigma_px must be a positive number"),
-        (changed("point", 3, POINTS), "rays see points 0 to 23, not 0 to 24"),
-        (changed("point", 3, -1), "rays see points 0 to 23, not -1 to 23"),
+        (changed("point", 3, POINTS), "ray 3 sees point 24, but the points are 0 to 23"),
+        (changed("point", 3, -1), "ray 3 sees point -1, but the points are 0 to 23"),
         (changed("position_m", (1, 2), np.nan), "point P1 is a control point, but its coordinates are not finite"),
         (changed("covariance_m2", (2, 0, 0), np.inf), "point P2 is a control point, but"),
         ({"role": np.array(["anchor"] * POINTS)}, "a point is a control, check, tie point, not .*anchor"),
@@ -172,6 +134,7 @@ def changed(name, index, value):
         ({"covariance_m2": np.zeros((POINTS, 3))}, r"covariance_m2 has shape \(24, 3\), expected \(24, 3, 3\)"),
         ({"points": ["P"]}, "1 names of points for 24"),
         ({"images": ["a", "b"]}, "2 names of images for 144"),
+        ({"shot": wj.Shot(strip=np.full(144, 2)), "strips": ["east", "west"]}, "2 names of strips, but a ray is of strip 2"),
     ],
 )
 def test_a_wrong_block_is_refused(change, message):

@@ -14,7 +14,7 @@ from ...rules import RESULTS, SensorError, WhiskjaxError, first_failure, require
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
-from ..unknown import Unknown, assign
+from ..unknown import Unknown
 from ..variance_components import Components
 from . import weights
 from .adjustment import Adjustment, Trust
@@ -56,11 +56,13 @@ def adjust(
     - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `pos_errors`.
     - `pos_errors`: the link whose motions at stations (orientation images, spline coefficients, images) are estimated, and how
       large and how correlated POS errors are; None keeps the trajectory as it is.
-    - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values.
+    - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (without
+      POS, after the images are resected from control points).
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
     - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
     - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
       taken for geometry (crossing.py); `Adjustment.block` is the block so timed. Off, the block is adjusted as it is.
+    - `max_steps`: of each solution; blunders and weights take several.
     - `throw`: raise where the block cannot be solved; else look at `result`.
 
     **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so.
@@ -75,21 +77,31 @@ def adjust(
     refuse_unrecorded(sensor, block)
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
-    prepared = prepare(sensor, block, unknowns, pos_errors, np.asarray(start_m, dtype=float))
+    start_m = np.asarray(start_m, dtype=float)
+    if start_m.shape != (len(block.role), 3):
+        raise WhiskjaxError(f"adjust: start_m has shape {start_m.shape}, expected {(len(block.role), 3)}")
+    unplaced = np.flatnonzero(block.seen & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
+    if unplaced.size:
+        raise WhiskjaxError(f"{block.point_label(int(unplaced[0]))}: start_m holds no finite coordinates of it")
+    prepared = prepare(sensor, block, unknowns, pos_errors, start_m)
     start_u = np.asarray(prepared.start.u)
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
         prepared = retimed(prepared, solved.state, unknowns, pos_errors)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     used, found = np.ones(len(block), dtype=bool), None
-    if int(codes_of(solved.result)) == 0:
-        for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
-            if blunders is not None:
-                prepared, solved, used = snoop(prepared, solved, blunders)
-            if reweigh:
-                prepared, solved, more = weights.reweigh(prepared, solved, used)
-                found = more if found is None else more._replace(factor=found.factor * more.factor)
+    for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
+        if blunders is not None and _is_fine(solved):
+            prepared, solved, used = snoop(prepared, solved, used, blunders, max_steps)
+        if reweigh and _is_fine(solved):
+            prepared, solved, more = weights.reweigh(prepared, solved, used, max_steps)
+            found = more if found is None else more._replace(factor=found.factor * more.factor)
     return report(prepared, solved, unknowns, pos_errors, start_u, used, found, throw)
+
+
+def _is_fine(solved: Solved) -> bool:
+    """Whether there is a solution, and equations that determine it."""
+    return int(codes_of(solved.result)) == 0 and _inverse(solved.reduced.matrix) is not None
 
 
 def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> Prepared:
@@ -116,7 +128,7 @@ def report(
     result = solved.result
     inverse = _inverse(solved.reduced.matrix)
     if inverse is None:
-        result = first_failure(RESULTS.rank_deficient, result)
+        result = first_failure(RESULTS.rank_deficient if np.isfinite(solved.reduced.cost) else RESULTS.nonfinite, result)
     if throw and int(codes_of(result)) != 0:
         raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
     state = solved.state
@@ -129,7 +141,7 @@ def report(
     value = mean + scale * np.asarray(state.u)
     trust = _trust(ready, state, inverse)
     squared = np.where(used[:, None], (residual / block.sigma_px) ** 2, 0.0)
-    control = block.role == "control"
+    control = (block.role == "control") & block.seen
     freedom = (
         2 * int(used.sum())
         + 3 * int(control.sum())
@@ -143,7 +155,7 @@ def report(
     factor, tail, sound = consistency(cost, freedom)
     solution = numbers.put(ready.sensor, state.x, state.u)
     return Adjustment(
-        sensor=assign(solution, unknowns, value) if unknowns else solution,
+        sensor=solution,
         unknowns=tuple(unknowns),
         value=value,
         start=mean + scale * start_u,
@@ -234,7 +246,7 @@ def _warnings(
     unknowns: Sequence[Unknown],
 ) -> list[str]:
     said = []
-    if not (block.role == "control").any():
+    if not ((block.role == "control") & block.seen).any():
         rests = "the priors" if pos_errors is None else "POS" if pos_errors.observed else "nothing"
         said.append(f"there is no control point: the datum of the block rests on {rests}")
     if math.isfinite(factor) and tail < UNLIKELY:
@@ -248,14 +260,14 @@ def _warnings(
         lost = np.setdiff1d(block.point[~used], block.point[used]).size
         touched = len(np.unique(block.point[~used]))
         said.append(f"{int((~used).sum())} rays of {touched} points are wrong and left out; {lost} points lose all of their rays")
-    groups = connections(block.keep(used))
+    groups = connections(block.keep(used)) if used.any() else []
     if len(groups) > 1:
         small = min(groups, key=len)
         said.append(f"no point ties {', '.join(small)} to the other images: only POS and control hold them together")
     prior_only = [x.name for x, share in zip(unknowns, trust.data_share, strict=True) if share < 0.05]
     if prior_only:
         said.append(f"fixed by their priors alone: {', '.join(prior_only)}")
-    worst = int(np.nanargmax(squared.max(axis=1)))
+    worst = int(np.argmax(np.nan_to_num(squared).max(axis=1)))
     if squared[worst].max() > 36:
         said.append(f"the largest residual, {math.sqrt(squared[worst].max()):.1f} sigma, is that of {block.ray_label(worst)}")
     return said

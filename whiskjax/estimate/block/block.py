@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...chain.shot import KEYS, Shot
 from ...rules import WhiskjaxError
@@ -54,16 +54,21 @@ class Block:
             object.__setattr__(self, name, value)
             if value.shape != shape:
                 raise WhiskjaxError(f"block: {name} has shape {value.shape}, expected {shape}")
+        strip = self.shot.strip
+        strips = 0 if strip is None else 1 + int(np.max(np.asarray(strip)))
+        if len(self.strips) and len(self.strips) < strips:
+            raise WhiskjaxError(f"block: {len(self.strips)} names of strips, but a ray is of strip {strips - 1}")
         for name, count in (("points", points), ("images", rays)):
             if len(getattr(self, name)) not in (0, count):
                 raise WhiskjaxError(f"block: {len(getattr(self, name))} names of {name} for {count}")
         unknown = set(self.role) - set(ROLES)
         if unknown:
             raise WhiskjaxError(f"block: a point is a {', '.join(ROLES)} point, not {sorted(unknown)}")
+        wrong = np.flatnonzero((self.point < 0) | (self.point >= points))
+        if wrong.size:
+            raise WhiskjaxError(f"ray {wrong[0]} sees point {self.point[wrong[0]]}, but the points are 0 to {points - 1}")
         self._require(np.isfinite(self.pixel_px).all(axis=1), "pixel_px is not a finite number")
         self._require((self.sigma_px > 0).all(axis=1), "sigma_px must be a positive number")
-        if self.point.min() < 0 or self.point.max() >= points:
-            raise WhiskjaxError(f"block: rays see points 0 to {points - 1}, not {self.point.min()} to {self.point.max()}")
         known = self.role != "tie"
         placed = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.covariance_m2).all(axis=(1, 2))
         if (known & ~placed).any():
@@ -81,6 +86,11 @@ class Block:
         """A key, or the time, of every ray; None where it is not recorded."""
         value = getattr(self.shot, name)
         return None if value is None else np.broadcast_to(np.asarray(value), (len(self),))
+
+    @property
+    def seen(self) -> Bool[np.ndarray, " points"]:
+        """Points that some ray sees."""
+        return np.bincount(self.point, minlength=len(self.role)) > 0
 
     def information(self) -> Float[np.ndarray, "points 3 3"]:
         """Inverse covariance of the control points, zero for others; a sigma below a micrometre counts as one."""

@@ -32,7 +32,8 @@ def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Flo
     **Arguments:** `inverse`: of the reduced normal matrix S.
     """
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
-    stations, q, width = state.x.shape[1], state.u.shape[0], ready.tiles.width
+    stations, q = state.x.shape[1], state.u.shape[0]
+    width = ready.tiles.width if stations else 0
     m = 6 * stations
     blocks = inverse[:m, :m].reshape(6, stations, 6, stations)
     border, corner = inverse[:m, m:].reshape(6, stations, q), inverse[m:, m:]

@@ -54,7 +54,9 @@ def direct_positioning(sensor: Sensor, block: Block, *, ties: bool = False) -> D
     enough = count >= 2
     kept = enough[index]
     if not kept.any():
-        raise WhiskjaxError("no control or check point is seen twice from one strip: there is nothing to intersect")
+        raise WhiskjaxError(
+            f"no {'point' if ties else 'control or check point'} is seen twice from one strip: there is nothing to intersect"
+        )
     some = block.keep(rays[kept])
     number = np.cumsum(enough) - 1
     sigma = jnp.asarray(some.sigma_px)

@@ -62,10 +62,10 @@ def plan(point: Int[np.ndarray, " rays"], first: Int[np.ndarray, " rays"], actin
     drawn = first + apart * np.searchsorted(ends, first, side="right")
     order = np.lexsort((drawn, point))
     extent, seats = _passes(point[order], drawn[order], acting)
+    grouped = _units(point, drawn, order, extent, acting, seats)
     tried = []
     for width in _widths(extent, stations):
         slack = width - extent
-        grouped = _units(point, drawn, order, extent, acting, seats)
         for size in _TILE_POINTS:
             shapes = [_tiles(ray, start, width, slack, size, stations, apart) for ray, start in grouped]
             tried.append((sum(_cost(shape, width) for shape in shapes), width, shapes))

@@ -57,7 +57,8 @@ class PosErrors:
     @property
     def correlation_s(self) -> tuple[float | None, ...]:
         """Correlation times of turns and shifts."""
-        return (*(self.turn_correlation_s or (None,) * 3), *(self.shift_correlation_s or (None,) * 3))
+        given = self.turn_correlation_s, self.shift_correlation_s
+        return tuple(c for three in given for c in ((None,) * 3 if three is None else three))
 
     def stations(self, sensor: Sensor) -> AbstractStations:
         """The link that holds the motions.

@@ -134,7 +134,7 @@ def prepare(
     known = block.role == "control"
     place = np.where(known[:, None], block.position_m, start_m)
     tiles = _tiles(block, laid, place, block.information())
-    points = _components(start_m[np.maximum(laid.point, 0)], tiles)
+    points = _components(start_m[_whose(block, laid)], tiles)
     has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
     ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
     state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray((start - mean) / scale), points)
@@ -159,7 +159,7 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
     some = np.maximum(laid.ray.max(axis=(2, 3)), 0)
     stand_in = np.where(laid.ray >= 0, laid.ray, some[:, :, None, None])
     weight = np.where((laid.ray >= 0)[..., None], 1 / block.sigma_px[stand_in], 0.0)
-    who = np.maximum(laid.point, 0)
+    who = _whose(block, laid)
     held: Any = Chunk(
         block.shots(stand_in),
         _columns(block.pixel_px[stand_in]),
@@ -171,6 +171,11 @@ def _tiles(block: Block, laid: Plan, place: np.ndarray, information: np.ndarray)
     size = rounded(len(laid.units))
     grown = jax.tree.map(lambda a: jnp.asarray(_grown(np.asarray(a), size)), held)
     return Tiles(grown, jnp.asarray(len(laid.units)), laid.width)
+
+
+def _whose(block: Block, laid: Plan) -> np.ndarray:
+    """The point of every place; where there is none, one that is seen, whose coordinates are numbers."""
+    return np.where(laid.point >= 0, laid.point, block.point[0])
 
 
 def _information(laid: Plan, information: np.ndarray, lone: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...algebra.vectors import Component, Vec2, Vec3
@@ -70,8 +71,12 @@ class Unknowns(eqx.Module):
             sensor = put(sensor, [p for p, _ in pairs], [v for _, v in pairs])
         if self.stations is None:
             return sensor
-        motions = (self.sigma[:, None] * x).T
         link = sensor.names.index(self.stations)
+        stations: Any = sensor.links[link]
+        held = jnp.concatenate(
+            [jnp.zeros((x.shape[1], 3)) if m is None else m for m in (stations.turn_rad, stations.shift_m)], axis=1
+        )
+        motions = jnp.where(self.sigma > 0, (self.sigma[:, None] * x).T, held)
 
         def where(s: Sensor) -> Any:
             held: Any = s.links[link]

@@ -51,7 +51,7 @@ class TwoStep:
     """
 
     mounts: tuple[str, ...]
-    values: Float[np.ndarray, "rounds mounts"]
+    values: Float[np.ndarray, "rounds+1 mounts"]
     rate: float
     observed_rate: float
     early: int | None
@@ -80,11 +80,10 @@ def two_step(
 
     - `unknowns`: as for `adjust`; `mounts`: names of those that step two fits (lever arm, boresight, drifts).
     - `tolerance`: distance left to the joint solution, in predicted sigmas of the mounts, at which the loop ends.
-
     - `retime`: as for `adjust`, once, at the first solution. To compare with a joint solution give its `Adjustment.block`, and
       turn this off: then both adjust the same numbers.
 
-    **Raises:** as `adjust`; `WhiskjaxError` where a name is no unknown, or nothing is left for step one.
+    **Raises:** as `adjust`; `WhiskjaxError` where a name is no unknown, or POS observed nothing.
     """
     names = [x.name for x in unknowns]
     lost = [name for name in mounts if name not in names]
@@ -92,6 +91,10 @@ def two_step(
         raise WhiskjaxError(f"two_step: {', '.join(lost) or 'no mount'} is not among the unknowns {', '.join(names)}")
     refuse_lonely(block)
     refuse_unrecorded(sensor, block)
+    if not pos_errors.observed:
+        raise WhiskjaxError(
+            "two_step: step two fits the mounts to the motions that POS observed, but pos_errors.observed is False"
+        )
     second = [x for x in unknowns if x.name in mounts]
     first = [x for x in unknowns if x.name not in mounts]
     sensor, start_m = begin(admit(sensor, unknowns), block, pos_errors)
@@ -120,7 +123,7 @@ def two_step(
         steps.append(float(np.abs(step / sigma).max()))
         if early is None and steps[-1] < _EARLY:
             early = k + 1
-        if steps[-1] * rate / (1 - rate) < tolerance:
+        if rate < 1 and steps[-1] * rate / (1 - rate) < tolerance:
             has_converged = True
             break
     last = assign(sensor, second, value)

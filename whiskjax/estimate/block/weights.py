@@ -25,7 +25,7 @@ _TIES, _CONTROL, _TURN, _SHIFT = range(4)
 _NAMES = ("tie rays", "control and check points", "POS attitude", "POS position")
 
 
-def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray) -> tuple[Prepared, Solved, Components]:
+def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray, max_steps: int) -> tuple[Prepared, Solved, Components]:
     """Solve again and again with sigmas as large as the residuals say.
 
     Groups: rays of tie points; rays of control and check points together with the control points' coordinates; POS attitude;
@@ -44,7 +44,7 @@ def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray) -> tuple[Prepa
             break
         log_factor += np.clip(step, -_LONGEST, _LONGEST)
         prepared = _rescaled(given, np.exp(log_factor), solved.state, used, marked)
-        solved = gauss_newton(prepared.ready, prepared.start)
+        solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     _, redundancy, count = _groups(prepared, solved, used, marked)
     there = count > 0
     names = tuple(name for name, some in zip(_NAMES, there, strict=True) if some)
@@ -75,7 +75,7 @@ def _groups(
     inverse = np.linalg.inv(np.asarray(solved.reduced.matrix))
     stations = state.x.shape[1]
     # What control and check points alone give to the reduced matrix; the rest of it comes from the ties.
-    control = block.role == "control"
+    control = (block.role == "control") & block.seen
     some = used & ~prepared.lone(used)[block.point]
     alone = prepared.weighted(np.where((some & marked)[:, None], 1 / block.sigma_px, 0.0), state)
     of_marked = np.asarray(reduce(alone.ready, state)[0].observed)

@@ -29,10 +29,11 @@ _ROUNDS = 12
 _DELETIONS = 3  # rays that one point may lose before it loses all
 
 
-def snoop(prepared: Prepared, solved: Solved, rule: Blunders) -> tuple[Prepared, Solved, Bool[np.ndarray, " rays"]]:
-    """The solution without wrong rays, and which rays it uses."""
+def snoop(
+    prepared: Prepared, solved: Solved, used: Bool[np.ndarray, " rays"], rule: Blunders, max_steps: int
+) -> tuple[Prepared, Solved, Bool[np.ndarray, " rays"]]:
+    """The solution without wrong rays, and which rays it uses. **Arguments:** `used`: the rays of the solution so far."""
     block = prepared.block
-    used = np.ones(len(block), dtype=bool)
     seen: list[np.ndarray] = []
     for _ in range(_ROUNDS):
         judged = _judge(prepared, solved.state)
@@ -42,7 +43,7 @@ def snoop(prepared: Prepared, solved: Solved, rule: Blunders) -> tuple[Prepared,
             break
         used = kept
         prepared = prepared.weighted(np.where(used[:, None], 1 / block.sigma_px, 0.0), solved.state)
-        solved = gauss_newton(prepared.ready, prepared.start)
+        solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     return prepared, solved, used & ~prepared.lone(used)[block.point]
 
 

@@ -1,0 +1,99 @@
+"""Blocks with something missing: points that nobody sees, no trajectory to correct, axes that stay as they are."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import whiskjax as wj
+from tests.estimate.block.frames import FREE, POS, SIGMA, frames
+
+
+@pytest.mark.parametrize("gone", [0, 7])
+@pytest.mark.parametrize("control", [0, 3])
+def test_a_point_without_rays_changes_nothing(gone, control):
+    """The same solution and the same freedom as without that point; its place is not known."""
+    sensor, block, *_ = frames(control=control)
+    seen = block.keep(block.point != gone)
+    others = np.delete(np.arange(len(block.role)), gone)
+    number = np.cumsum(np.arange(len(block.role)) != gone) - 1
+    without = dataclasses.replace(
+        seen,
+        point=number[seen.point],
+        position_m=block.position_m[others],
+        covariance_m2=block.covariance_m2[others],
+        role=block.role[others],
+        points=[block.points[i] for i in others],
+    )
+    found, expected = (wj.adjust(sensor, b, pos_errors=POS) for b in (seen, without))
+    assert np.isnan(found.point_m[gone]).all()
+    np.testing.assert_allclose(found.point_m[others], expected.point_m, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.covariance_m2[others], expected.covariance_m2, rtol=1e-6, atol=1e-12)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-9)
+    assert found.freedom == expected.freedom == 2 * len(seen) + 3 * (without.role == "control").sum() - 3 * len(others)
+
+
+def test_images_are_resected_though_the_first_point_is_a_tie():
+    """Without POS, and with poses far off, control has to come first wherever it stands in the list."""
+    sensor, block, *_ = frames()
+    turned = np.roll(np.arange(len(block.role)), 5)  # new number of each point: ties come first
+    place = np.argsort(turned)
+    other = dataclasses.replace(
+        block,
+        point=turned[block.point],
+        position_m=block.position_m[place],
+        covariance_m2=block.covariance_m2[place],
+        role=block.role[place],
+        points=[block.points[i] for i in place],
+    )
+    found = wj.adjust(sensor, other, pos_errors=FREE)
+    assert other.role[0] == "tie"
+    np.testing.assert_allclose(found.point_m, wj.adjust(sensor, block, pos_errors=FREE).point_m[place], rtol=0, atol=1e-5)
+
+
+def test_a_trajectory_that_is_kept():
+    """Unknowns and points alone: a turn behind all poses. No small change of it, points following, lowers the cost."""
+    sensor, block, *_ = frames()
+    mounted = wj.Sensor({"photo": sensor["photo"], "mount": wj.Mount()}, sensor.camera)
+    found = wj.adjust(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)])
+    assert found.result == wj.RESULTS.successful and np.isfinite(found.covariance_m2).all()
+    assert found.freedom == 2 * len(block) + 3 * 3 + 1 - 1 - 3 * len(block.role)
+    # At the optimum no small change of the unknown, points following, lowers the cost.
+    for change in (-1e-6, 1e-6):
+        fixed = wj.Sensor(
+            {"photo": sensor["photo"], "mount": wj.Mount(angles_rad=[0, 0, found.value[0] + change])}, sensor.camera
+        )
+        met = wj.adjust(fixed, block, [wj.Unknown("none", "mount.lever_arm_m[0]", 0.0, 1e-9)])
+        assert met.cost + (found.value[0] + change) ** 2 / 1e-4 > found.cost
+
+
+def test_an_axis_with_sigma_zero_stays_as_it_is():
+    """What an earlier adjustment found there is not lost."""
+    sensor, block, *_ = frames()
+    first = wj.adjust(sensor, block, pos_errors=POS)
+    held = wj.PosErrors("photo", turn_sigma_rad=SIGMA["turn_sigma_rad"], shift_sigma_m=(0.0,) * 3)
+    again = wj.adjust(first.sensor, block, pos_errors=held)
+    np.testing.assert_array_equal(again.sensor["photo"].shift_m, first.sensor["photo"].shift_m)
+    assert np.abs(again.sensor["photo"].shift_m).max() > 0.1
+
+
+def test_correlation_times_may_be_an_array():
+    given = wj.PosErrors("pos", **SIGMA, turn_correlation_s=np.array([60.0, 60.0, 120.0]))
+    assert given.correlation_s == (60.0, 60.0, 120.0, None, None, None)
+
+
+def test_a_start_without_numbers_is_refused():
+    sensor, block, _, truth = frames()
+    start = truth.copy()
+    start[9, 1] = np.nan
+    with pytest.raises(wj.WhiskjaxError, match="point P9: start_m holds no finite coordinates of it"):
+        wj.adjust(sensor, block, pos_errors=POS, start_m=start)
+    with pytest.raises(wj.WhiskjaxError, match=r"start_m has shape \(23, 3\), expected \(24, 3\)"):
+        wj.adjust(sensor, block, pos_errors=POS, start_m=truth[1:])
+
+
+def test_two_steps_need_pos():
+    sensor, block, *_ = frames()
+    mounted = wj.Sensor({"photo": sensor["photo"], "mount": wj.Mount()}, sensor.camera)
+    with pytest.raises(wj.WhiskjaxError, match="step two fits the mounts to the motions that POS observed"):
+        wj.two_step(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)], pos_errors=FREE, mounts=["kappa"])
