@@ -36,8 +36,8 @@ _NOTES = {
 _BEYOND = {
     "lever arm and boresight": "Blocks with fewer ties, 4 s orientation images. Of n seeds the RMS itself is known to 1/√(2n) "
     "only. u and w are told from boresight and lens scale by the relief alone, which magnifies what is in no sigma: vibration, "
-    "POS errors between orientation images, the wave of the detector. Where the truth has none of them (matching) the sigmas are "
-    "right; from the data (reweigh) they are larger.",
+    "POS errors between orientation images, the wave of the detector. Where the truth has none of them (matching) it is near 1; "
+    "sigmas from the data (reweigh) are larger.",
     "spline": "Data set B, full size. The camera's attitude is the exterior orientation, which images see; the body's holds a "
     "constant besides that only POS tells from the boresight, and no choice of basis can make smaller.",
     "wrong ties": "Data set A; one ray of 5 % of the tie points moves by up to ±20 px in sample and line (uniform: one move in a "
