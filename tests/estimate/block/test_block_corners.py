@@ -9,6 +9,20 @@ import whiskjax as wj
 from tests.estimate.block.frames import FREE, POS, SIGMA, frames
 
 
+def in_order(block, points):
+    """The block with these of its points only, among them all that are seen, in this order."""
+    number = np.full(len(block.role), -1)
+    number[points] = np.arange(len(points))
+    return dataclasses.replace(
+        block,
+        point=number[block.point],
+        position_m=block.position_m[points],
+        covariance_m2=block.covariance_m2[points],
+        role=block.role[points],
+        points=[block.points[i] for i in points],
+    )
+
+
 @pytest.mark.parametrize("gone", [0, 7])
 @pytest.mark.parametrize("control", [0, 3])
 def test_a_point_without_rays_changes_nothing(gone, control):
@@ -16,15 +30,7 @@ def test_a_point_without_rays_changes_nothing(gone, control):
     sensor, block, *_ = frames(control=control)
     seen = block.keep(block.point != gone)
     others = np.delete(np.arange(len(block.role)), gone)
-    number = np.cumsum(np.arange(len(block.role)) != gone) - 1
-    without = dataclasses.replace(
-        seen,
-        point=number[seen.point],
-        position_m=block.position_m[others],
-        covariance_m2=block.covariance_m2[others],
-        role=block.role[others],
-        points=[block.points[i] for i in others],
-    )
+    without = in_order(seen, others)
     found, expected = (wj.adjust(sensor, b, pos_errors=POS) for b in (seen, without))
     assert np.isnan(found.point_m[gone]).all()
     np.testing.assert_allclose(found.point_m[others], expected.point_m, rtol=0, atol=1e-6)
@@ -36,16 +42,8 @@ def test_a_point_without_rays_changes_nothing(gone, control):
 def test_images_are_resected_though_the_first_point_is_a_tie():
     """Without POS, and with poses far off, control has to come first wherever it stands in the list."""
     sensor, block, *_ = frames()
-    turned = np.roll(np.arange(len(block.role)), 5)  # new number of each point: ties come first
-    place = np.argsort(turned)
-    other = dataclasses.replace(
-        block,
-        point=turned[block.point],
-        position_m=block.position_m[place],
-        covariance_m2=block.covariance_m2[place],
-        role=block.role[place],
-        points=[block.points[i] for i in place],
-    )
+    place = np.roll(np.arange(len(block.role)), -5)  # ties come first
+    other = in_order(block, place)
     found = wj.adjust(sensor, other, pos_errors=FREE)
     assert other.role[0] == "tie"
     np.testing.assert_allclose(found.point_m, wj.adjust(sensor, block, pos_errors=FREE).point_m[place], rtol=0, atol=1e-5)
