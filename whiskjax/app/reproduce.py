@@ -52,7 +52,7 @@ def whiskbroom(
     """The whiskbroom scanner with left and right swings (Jin et al. 2024): Tables 1 to 7 and Figures 3 to 7.
 
     Prints the tables with the paper's figures, the simulation's over the seeds, and the bands in which they should lie; then what
-    the paper leaves open, asked and reached. Ends in 0 only when every figure that has a band or a bound is inside.
+    the paper leaves open, each figure beside its band. Ends in 0 only when every figure that has a band or a bound is inside.
     """
     refuse_place(out)
     start_jax()
@@ -110,5 +110,5 @@ def _print(summary: "Summary", out: Path) -> None:
     tables, sentences = [*in_order(summary), bands(summary)], [bands_sentence(verdict)]
     if questions:
         tables.append(answers_table(questions))
-        sentences.append(f"{verdict['open_met']} of {verdict['open_asked']} figures asked of the open questions are met.")
+        sentences.append(f"{verdict['open_met']} of {verdict['open_asked']} figures with a band are inside it among the open questions.")
     print_study(tables, findings(summary), sentences, (*verdict["outside"], *verdict["open_missed"]), out)
