@@ -110,5 +110,7 @@ def _print(summary: "Summary", out: Path) -> None:
     tables, sentences = [*in_order(summary), bands(summary)], [bands_sentence(verdict)]
     if questions:
         tables.append(answers_table(questions))
-        sentences.append(f"{verdict['open_met']} of {verdict['open_asked']} figures with a band are inside it among the open questions.")
+        sentences.append(
+            f"{verdict['open_met']} of {verdict['open_asked']} figures with a band are inside it among the open questions."
+        )
     print_study(tables, findings(summary), sentences, (*verdict["outside"], *verdict["open_missed"]), out)
