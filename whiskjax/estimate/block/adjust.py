@@ -16,10 +16,12 @@ from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
 from ..unknown import Unknown
 from ..variance_components import Components
+from ..verdict import contradictions
 from . import weights
 from .adjustment import Adjustment, Trust
 from .begin import begin
 from .block import Block
+from .check import checked
 from .connect import connections, refuse_lonely
 from .covariance import covariances, evaluate
 from .crossing import at_crossing, refuse_unrecorded
@@ -153,6 +155,7 @@ def report(
     )
     cost = float(solved.reduced.cost)
     factor, tail, sound = consistency(cost, freedom)
+    check = checked(prepared, solved, used, point, covariance)
     solution = numbers.put(ready.sensor, state.x, state.u)
     return Adjustment(
         sensor=solution,
@@ -174,7 +177,11 @@ def report(
         is_consistent=sound,
         steps=solved.steps,
         result=result,
-        warnings=tuple(_warnings(block, used, pos_errors, factor, tail, squared, trust, unknowns)),
+        warnings=(
+            *contradictions(check, found),
+            *_warnings(block, used, pos_errors, factor, tail, squared, trust, unknowns),
+        ),
+        check=check,
     )
 
 

@@ -61,7 +61,8 @@ class Prepared:
     def weighted(self, weight: Float[np.ndarray, "rays 2"], state: State) -> "Prepared":
         """The same with other weights (one over sigma) of the rays, 0 to leave out, starting from a state.
 
-        Points that keep fewer rays than two, and are no control points, stay where they are and take no part.
+        Points that keep fewer rays than two, and are no control points, stay where they are and take no part. Control points are
+        those of `block`, whatever they were when it was prepared.
         """
         lone = self.lone(weight[:, 0] > 0)
         weight = np.where(lone[self.block.point][:, None], 0.0, weight)
@@ -70,7 +71,8 @@ class Prepared:
         information = _information(self.plan, self.block.information(), lone)
         control = _components((known[self.plan.point] & (self.plan.point >= 0))[..., None], self.ready.tiles)[0]
         tiles = self.ready.tiles
-        place = tuple(jnp.where(control, p, at) for p, at in zip(tiles.chunks.place, state.points, strict=True))
+        given = _components(np.where(known[:, None], self.block.position_m, 0.0)[_whose(self.block, self.plan)], tiles)
+        place = tuple(jnp.where(control, p, at) for p, at in zip(given, state.points, strict=True))
         changed = (held, place, _components(information, tiles))
         tiles = eqx.tree_at(lambda t: (t.chunks.weight, t.chunks.place, t.chunks.prior), tiles, changed)
         return dataclasses.replace(self, ready=eqx.tree_at(lambda r: r.tiles, self.ready, tiles), start=state)
