@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
 from ..rules.results import codes_of, is_successful, message_of
-from .adjustment import Here, Ready, linearise, prepare, refuse, settle, solve, weighted_rows
+from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
 from .diagnosis import consistency, lopsided, repeated, warnings_of
 from .losses import AbstractLoss
@@ -157,10 +157,12 @@ def calibrate(
         fit = fit._replace(check=_checked(ready, here, common, ~control))
     if not trust.is_determined:
         result = RESULTS.rank_deficient  # also the cause where the iteration did not end
-    if throw:
-        refuse(here.unseen, observations)
-    elif here.unseen.any():
-        result = first_failure(result, jax.tree.map(lambda _: here.unseen.max(), RESULTS.successful))
+    lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
+    if lost:
+        if throw:
+            raise SensorError(f"calibrate: {lost[0]}")
+        first = here.unseen[np.argmax(here.unseen != 0)]
+        result = first_failure(result, jax.tree.map(lambda _: first, RESULTS.successful))
     shift = np.where(ready.prior > 0, ready.prior * here.u, np.nan)
     answer = Calibration(
         sensor=solution,
@@ -180,6 +182,7 @@ def calibrate(
         steps=steps,
         result=result,
         warnings=(
+            *lost,
             *contradictions(fit.check, found),
             *repeated(observations, used),
             *lopsided(observations, used),

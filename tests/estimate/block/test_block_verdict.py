@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
-from tests.estimate.block.frames import POINTS, POS, frames
+from tests.estimate.block.frames import FREE, PLACE_M, POINTS, POS, frames
 
 CHECK = np.arange(3, 11)
 
@@ -78,3 +79,22 @@ def test_a_stretched_group_is_named():
     found = wj.adjust(sensor, spoilt, pos_errors=POS, reweigh=True)
     assert found.is_consistent and not found.is_sound
     assert any(said.startswith("the errors of tie rays are ") for said in found.warnings)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_mirrored_block_is_no_answer(axis):
+    """All points are control, the poses free, and start 120 deg off: it converges with the cameras below the ground."""
+    sensor, block, *_ = frames(control=POINTS)
+    recorded = Rotation.from_quat(np.stack([np.asarray(c) for c in sensor["photo"].quaternion], -1))
+    start = wj.PosePerImage(PLACE_M, (recorded * Rotation.from_euler(axis, 120, degrees=True)).as_quat())
+    mirrored = wj.Sensor({"photo": start}, sensor.camera)
+    with pytest.raises(wj.SensorError, match=r"adjust: where the adjustment ended, ray 0, image im0, point P0: the point lies "
+                       r"behind the camera \(144 of 144 rays fail\)"):  # fmt: skip
+        wj.adjust(mirrored, block, pos_errors=FREE, max_steps=60)
+    found = wj.adjust(mirrored, block, pos_errors=FREE, max_steps=60, throw=False)
+    pose = found.sensor["photo"].pose(wj.Shot(image=np.arange(6)))
+    assert (np.asarray(pose.translation[2]) < 0).all()
+    assert found.result == wj.RESULTS.point_behind_camera and not found.is_sound
+    assert found.warnings[0].startswith("where the adjustment ended, ray 0, image im0, point P0: ")
+    right = wj.adjust(sensor, block, pos_errors=FREE)
+    assert right.is_sound and (np.asarray(right.sensor["photo"].pose(wj.Shot(image=np.arange(6))).translation[2]) > 0).all()

@@ -4,10 +4,11 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
@@ -134,7 +135,14 @@ def report(
     if throw and int(codes_of(result)) != 0:
         raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
     state = solved.state
-    residual, point, covariance = _evaluated(prepared, state, inverse)
+    residual, codes, point, covariance = _evaluated(prepared, state, inverse)
+    codes = np.where(used, codes, 0)
+    impossible = _impossible(block, codes)
+    if impossible:
+        if throw:
+            raise SensorError(f"adjust: {impossible[0]}")
+        worst = int(codes[codes != 0][0])
+        result = first_failure(result, jax.tree.map(lambda _: np.int32(worst), RESULTS.successful))
     nowhere = prepared.lone(used)
     point[nowhere], covariance[nowhere] = np.nan, np.nan
     numbers = ready.unknowns
@@ -178,6 +186,7 @@ def report(
         steps=solved.steps,
         result=result,
         warnings=(
+            *impossible,
             *contradictions(check, found),
             *_warnings(block, used, pos_errors, factor, tail, squared, trust, unknowns),
         ),
@@ -201,14 +210,27 @@ def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
     return inverse * np.outer(scale, scale)
 
 
-def _evaluated(prepared: Prepared, state: State, inverse: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals in pixels by ray, coordinates and their covariance by point."""
-    residuals = evaluate(prepared.ready, state)
+def _evaluated(
+    prepared: Prepared, state: State, inverse: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals in pixels and failure codes by ray, coordinates and their covariance by point."""
+    seen = evaluate(prepared.ready, state)
+    residuals, codes = prepared.by_ray(seen.residual_px), prepared.by_ray(seen.code).astype(int)
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     if inverse is None:
-        return prepared.by_ray(residuals), point, np.full((len(point), 3, 3), np.nan)
+        return residuals, codes, point, np.full((len(point), 3, 3), np.nan)
     covariance = prepared.by_point(covariances(prepared.ready, state, jnp.asarray(inverse)))
-    return prepared.by_ray(residuals), point, covariance
+    return residuals, codes, point, covariance
+
+
+def _impossible(block: Block, codes: Int[np.ndarray, " rays"]) -> list[str]:
+    """What to say of rays that the sensor cannot have made as it was adjusted: the first by name, and how many there are."""
+    if not codes.any():
+        return []
+    i, count = int(np.argmax(codes != 0)), int((codes != 0).sum())
+    more = f" ({count} of {len(codes)} rays fail)" if count > 1 else ""
+    hint = ", as in a mirrored block; start nearer" if message_of(int(codes[i])) == RESULTS[RESULTS.point_behind_camera] else ""
+    return [f"where the adjustment ended, {block.ray_label(i)}: {message_of(int(codes[i]))}{more}{hint}"]
 
 
 def _trust(ready: Ready, state: State, inverse: np.ndarray | None) -> Trust:

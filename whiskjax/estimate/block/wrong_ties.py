@@ -66,7 +66,7 @@ def _judge(prepared: Prepared, state: State) -> Judged:
     for _ in range(2):
         _, points = reduce(everything.ready, state)
         state = State(state.x, state.u, points)
-    residual = prepared.by_ray(evaluate(everything.ready, state)) / block.sigma_px
+    residual = prepared.by_ray(evaluate(everything.ready, state).residual_px) / block.sigma_px
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     sensor = everything.ready.unknowns.put(everything.ready.sensor, state.x, state.u)
     at = jnp.asarray(np.where(np.isfinite(point), point, 0.0)[block.point])
