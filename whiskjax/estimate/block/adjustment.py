@@ -54,7 +54,8 @@ class Adjustment:
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
     - `used`: rays that took part; `components`: factors on the given sigmas, where weights were estimated (`block` has the new).
     - `cost`: the sum of squared whitened residuals, POS and priors included; `variance_factor` divides it by `freedom`.
-    - `check`: the check points' coordinates beside those that came out.
+    - `check`: the check points' coordinates beside those that came out; `left_out`: check and tie points, by name, that one ray
+      alone sees: it takes no part and has no residual (NaN).
     """
 
     sensor: Sensor
@@ -78,6 +79,7 @@ class Adjustment:
     result: RESULTS
     warnings: tuple[str, ...]
     check: CheckTest = UNTESTED
+    left_out: tuple[str, ...] = ()
 
     @property
     def is_sound(self) -> bool:

@@ -21,6 +21,7 @@ from ...chain.shot import Shot
 from ...chain.sweep import sweep
 from ..blunders import Blunders
 from .block import Block
+from .connect import seen_once
 from .covariance import evaluate
 from .prepare import Prepared, State
 from .solve import Solved, gauss_newton, reduce
@@ -33,11 +34,11 @@ def snoop(
     prepared: Prepared, solved: Solved, used: Bool[np.ndarray, " rays"], rule: Blunders, max_steps: int
 ) -> tuple[Prepared, Solved, Bool[np.ndarray, " rays"]]:
     """The solution without wrong rays, and which rays it uses. **Arguments:** `used`: the rays of the solution so far."""
-    block = prepared.block
+    block, lonely = prepared.block, seen_once(prepared.block)
     seen: list[np.ndarray] = []
     for _ in range(_ROUNDS):
         judged = _judge(prepared, solved.state)
-        kept = _kept(judged, block, rule)
+        kept = _kept(judged, block, rule) & ~lonely[block.point]
         seen.append(used)
         if any((kept == before).all() for before in seen):
             break

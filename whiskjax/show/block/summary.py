@@ -61,7 +61,8 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "residuals": _residuals(adjusted),
         "point_sigmas": _point_sigmas(adjusted),
         "largest_residuals": _largest(adjusted, adjustment.used, _LARGEST),
-        "left_out": _largest(adjusted, ~adjustment.used, len(adjusted.block)),
+        "left_out": _largest(adjusted, adjusted.wrong, len(adjusted.block)),
+        "seen_once": list(adjustment.left_out),
         "weights": weights(adjustment.components),
         "warnings": list(adjustment.warnings),
         "versions": versions("jax", "numpy"),
@@ -71,7 +72,7 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
 
 
 def _counts(adjusted: Adjusted) -> Summary:
-    block, used = adjusted.block, adjusted.adjustment.used
+    block, used, wrong = adjusted.block, adjusted.adjustment.used, adjusted.wrong
     seen = np.bincount(block.point, minlength=len(block.role)) > 0
     return {
         "images": len(np.unique(adjusted.flight.measurements.image)),
@@ -79,8 +80,9 @@ def _counts(adjusted: Adjusted) -> Summary:
         "rays": {"all": len(block)} | {role: int((adjusted.role == role).sum()) for role in ROLES},
         "points": {"all": int(seen.sum())} | {role: int((seen & (block.role == role)).sum()) for role in ROLES},
         "points_unseen": int((~seen).sum()),
-        "rays_left_out": int((~used).sum()),
-        "points_left_out": int(np.setdiff1d(block.point[~used], block.point[used]).size),
+        "points_seen_once": len(adjusted.adjustment.left_out),
+        "rays_left_out": int(wrong.sum()),
+        "points_left_out": int(np.setdiff1d(block.point[wrong], block.point[used]).size),
     }
 
 
@@ -295,6 +297,8 @@ def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
         cautions.append(f"fixed by the prior alone: {', '.join(held)}")
     if (n := counts["rays_left_out"]) > 0:
         cautions.append(f"{n} ray{'s' * (n > 1)} {'were' if n > 1 else 'was'} left out as wrong")
+    if (n := counts["points_seen_once"]) > 0:
+        cautions.append(f"{n} check or tie point{'s are' if n > 1 else ' is'} seen by one ray only and took no part")
     if (n := counts["points_unseen"]) > 0:
         cautions.append(f"{n} point{'s' * (n > 1)} of the flight {'are' if n > 1 else 'is'} seen by no image")
     is_sound = adjusted.adjustment.is_sound
