@@ -174,10 +174,20 @@ def lines_of(folder, point):
     return [line for line, row in enumerate(folder.rows("observations.csv"), 1) if row[1] == point]
 
 
-def test_a_tie_seen_once(whiskjax, copied):
+def test_a_tie_seen_once_is_left_out_and_listed(whiskjax, copied):
     _, *others = lines_of(copied, "T7")
     copied.keep_lines("observations.csv", lambda line: line not in others)
-    refused(whiskjax, copied, "point T7 is seen by one ray only", "leave it out")
+    out = copied.path.parent / "out"
+    result = whiskjax("adjust", copied.path, "--out", out)
+    found = json_of(out)
+    assert result.exit_code == 0 and found["seen_once"] == ["T7"] and found["left_out"] == []
+    assert found["counts"]["points_seen_once"] == 1 and found["counts"]["rays_left_out"] == 0
+    assert "warning: seen by one ray only, which determines no point, and left out: point T7" in result.stdout.splitlines()
+    assert any("1 check or tie point is seen by one ray only" in said for said in found["verdict"]["cautions"])
+    (ray,) = [row for row in read_csv(out / "residuals.csv") if row["point"] == "T7"]
+    (point,) = [row for row in read_csv(out / "adjusted_points.csv") if row["point"] == "T7"]
+    assert (ray["used"], ray["x_px"], point["x_m"], point["rays"]) == ("no", "", "", "0")
+    assert "T7" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_parallel_rays(whiskjax, copied):

@@ -254,6 +254,19 @@ def test_an_inconsistent_result_is_written_and_ends_in_three(whiskjax, copied, t
     assert "not sound" in (out / "report.html").read_text(encoding="utf-8")
 
 
+def test_a_given_position_that_contradicts_ends_in_three(whiskjax, copied, located, tmp_path):
+    """The target is a check point: 0.02 deg of latitude are two kilometres."""
+    assert json_of(located[1])["verdict"]["is_sound"]
+    rows = copied.rows("points.csv")
+    k = rows[0].index("lat_deg")
+    rows[1][k] = repr(float(rows[1][k]) + 0.02)
+    copied.store("points.csv", rows)
+    result = whiskjax("locate", copied.path, "--out", tmp_path / "out", *ASKED)
+    found = json_of(tmp_path / "out")
+    assert result.exit_code == 3 and not found["verdict"]["is_sound"]
+    assert any("the given position lies" in reason for reason in found["verdict"]["reasons"])
+
+
 def test_one_look_gives_a_line_and_no_answer(whiskjax, copied, located, tmp_path):
     copied.keep_lines("observations.csv", lambda line: line == 2)
     out = shutil.copytree(located[1], tmp_path / "out")  # results of an earlier run, which must go

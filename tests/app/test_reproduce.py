@@ -71,7 +71,7 @@ def test_writes_everything(reproduced):
 def test_one_seed_by_an_independent_loop(reproduced):
     """`calibrate` twice, R_pos exchanged by hand, means and standard deviations by numpy: the same to 1e-5 px."""
     seed = SEEDS[1]
-    flight = haian.simulate(seed)
+    flight = haian.simulate(seed, drift=True)
     observations = flight.observations()
     image, role = np.asarray(observations.images), np.asarray(flight.points.roles)[flight.measurements.point]
     only_left = dataclasses.replace(observations, is_control=(image == "L1") & (role == "control"))

@@ -49,7 +49,7 @@ def calibrate(
     loss: Annotated[Loss, typer.Option(help="Robust loss against blunders.")] = Loss.none,
     bound: Annotated[float | None, typer.Option(help=f"Where the robust loss sets in, in sigmas [default: {_BOUND}].")] = None,
     blunders: Annotated[bool, typer.Option("--blunders", help="Find gross errors, leave them out and name them.")] = False,
-    reweigh: Annotated[bool, typer.Option("--reweigh", help="Find the sigmas of images and priors from the data.")] = False,
+    reweigh: Annotated[bool, typer.Option("--reweigh", help="Find the sigmas of images from the data.")] = False,
     max_steps: Annotated[int, typer.Option(min=1, help="Steps after which the iteration is given up.")] = 100,
 ) -> None:
     """Estimate a flight's unknowns from its control points.

@@ -108,7 +108,7 @@ def locate(
         with whole_folder(out, _OURS) as folder:
             _write(folder, sighting, summary, drawings)
     _print(summary, out)
-    raise typer.Exit(0 if sighting.location.is_sound else NOT_SOUND)
+    raise typer.Exit(0 if summary["verdict"]["is_sound"] else NOT_SOUND)
 
 
 def _points(flight: "Flight", target: str) -> list[int]:

@@ -25,7 +25,7 @@ def haian(
     seed: Annotated[int, typer.Option(min=0, help="Of everything random: the same seed is the same flight.")],
     out: Annotated[Path, typer.Option(help="The folder to write.")],
     noise: Annotated[bool, typer.Option(help="Errors of POS, points and image measurements.")] = True,
-    drift: Annotated[bool, typer.Option(help="IMU boresight of the last pair of images has drifted.")] = True,
+    drift: Annotated[bool, typer.Option(help="IMU boresight of the last pair of images has drifted.")] = False,
     order: Annotated[Order, typer.Option(help="Order of the scan and the pitch turn.")] = Order.scan_pitch,
     force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
 ) -> None:

@@ -174,9 +174,14 @@ def weighted_rows(ready: Ready, here: Here, share: Float[np.ndarray, " n"]) -> t
 def refuse(codes: Int[np.ndarray, " n"], observations: Observations) -> None:
     """**Raises:** `SensorError` naming the first observation that the sensor cannot have made, and how many there are."""
     if codes.any():
-        i = int(np.argmax(codes != 0))
-        more = f" ({int((codes != 0).sum())} of {len(codes)} observations fail)" if (codes != 0).sum() > 1 else ""
-        raise SensorError(f"{observations.label(i)}: {message_of(int(codes[i]))}{more}")
+        raise SensorError(impossible(codes, observations))
+
+
+def impossible(codes: Int[np.ndarray, " n"], observations: Observations) -> str:
+    """Names the first observation that the sensor cannot have made, and how many there are; at least one."""
+    i, count = int(np.argmax(codes != 0)), int((codes != 0).sum())
+    more = f" ({count} of {len(codes)} observations fail)" if count > 1 else ""
+    return f"{observations.label(i)}: {message_of(int(codes[i]))}{more}"
 
 
 def whitening(

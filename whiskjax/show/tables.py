@@ -222,7 +222,7 @@ def weights(summary: Summary) -> Table | None:
             (
                 Cell(row["group"]),
                 Cell(str(row["n"])),
-                Cell(short(row["sigma_factor"], 3)),
+                Cell(short(row["sigma_factor"], 3), not row["is_plausible"]),
                 Cell(fixed(100 * row["relative_sigma"], 0), row["relative_sigma"] > 0.5),
             )
             for row in found

@@ -108,9 +108,13 @@ class Block:
                 picked[name] = value[index]
         return Shot(**picked)
 
+    def point_name(self, i: int) -> str:
+        """The name of a point, or its number where there are no names."""
+        return str(self.points[i]) if len(self.points) else str(i)
+
     def point_label(self, i: int) -> str:
         """A point, named for people."""
-        return f"point {self.points[i]}" if len(self.points) else f"point {i}"
+        return f"point {self.point_name(i)}"
 
     def ray_label(self, i: int) -> str:
         """A ray, named for people."""
