@@ -9,7 +9,7 @@ import typer
 
 from ..rules import FlightError
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def adjust(
     Estimates the flight's unknowns, the course of its POS errors and every point. Prints tables and a verdict; writes
     results.json, report.html, CSV tables, PNG figures and, of a sound result, the flight with its adjusted sensor.
     """
-    refuse_place(out, flight)
+    refuse_place(out, _OURS, flight)
     standard = _standard(profile, terrain)
     start_jax()
     from .stages import Stages
@@ -95,7 +95,7 @@ def adjust(
 
         summary = summarise(adjusted, _command(flight, out, blunders, reweigh, direct, profile, terrain, max_steps))
         drawings = draw_charts(adjusted)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, adjusted, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if adjustment.is_sound else NOT_SOUND)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def calibrate(
         raise typer.BadParameter(
             "a robust loss and --blunders or --reweigh answer the same question; use one", param_hint="--loss"
         )
-    refuse_place(out, flight)
+    refuse_place(out, _OURS, flight)
     start_jax()
     from .stages import Stages
 
@@ -97,7 +97,7 @@ def calibrate(
         stages.enter("draw and write")
         summary = summarise(calibration, found, _command(flight, out, loss, bound, blunders, reweigh, max_steps))
         drawings = draw_all(summary, gather(calibration, found))
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, calibration, found, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if calibration.is_sound else NOT_SOUND)

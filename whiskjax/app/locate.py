@@ -11,7 +11,7 @@ import typer
 
 from ..rules import FlightError
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def locate(
     Prints the position with its accuracy, the test of the looks, and a verdict. Writes results.json, report.html, looks.csv, PNG
     figures, and, of a flight in ECEF, target.geojson and target.kml.
     """
-    refuse_place(out, flight)
+    refuse_place(out, _OURS, flight)
     start_jax()
     from .stages import Stages
 
@@ -105,7 +105,7 @@ def locate(
 
         summary = summarise(sighting, _command(flight, target, out, height, sigma_enu, method, gate, estimate, consider))
         drawings = draw_charts(sighting)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, sighting, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if sighting.location.is_sound else NOT_SOUND)
