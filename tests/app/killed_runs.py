@@ -3,9 +3,6 @@
     python tests/app/killed_runs.py FOLDER [--every N] [--kills N] [--pairs N]
 
 A program of its own, so that processes can be forked where no JAX has started threads; only the modules that write are imported.
-Three sets of kills: at lines of Python code after which the run is killed by itself (every Nth line between the moment at which the
-results are complete and that at which nothing is left to do, those of the standard library included), the same on a file system
-that cannot exchange two names, and at random moments from outside, where the run has left a mark in shared memory saying where it was.
 """
 
 import argparse

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.app.said import progress
 from whiskjax.files.read import read_flight
 
 WRITTEN = {
@@ -63,7 +64,7 @@ def optimistic(flight, tmp_path):
 def test_a_sound_result_ends_in_zero_and_is_all_there(calibrated):
     result, out = calibrated
     assert result.exit_code == 0
-    assert result.stderr == ""  # no progress where nobody watches
+    assert progress(result.stderr)[0][0].startswith("compile and solve")
     assert names(out) == WRITTEN
     assert names(out.parent) == {"haian"}
     assert json_of(out)["verdict"]["is_sound"]

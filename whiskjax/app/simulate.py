@@ -39,11 +39,13 @@ def haian(
     from ..files.write import flight_folder, write_files
     from ..flights import haian as simulated
     from ..show.sheets import write_truth
+    from .stages import Stages
 
-    flight = simulated.simulate(seed, noise=noise, drift=drift, scan_first=order is Order.scan_pitch)
-    with flight_folder(out, overwrite=force) as folder:
-        write_files(flight, folder)
-        write_truth(folder / "truth.csv", simulated.unknowns(mean=simulated.TABLE_4))
+    with Stages("simulate"):
+        flight = simulated.simulate(seed, noise=noise, drift=drift, scan_first=order is Order.scan_pitch)
+        with flight_folder(out, overwrite=force) as folder:
+            write_files(flight, folder)
+            write_truth(folder / "truth.csv", simulated.unknowns(mean=simulated.TABLE_4))
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(
         f"{flight.name}: {len(flight.images)} images, {len(flight.points.names)} points, {len(flight.measurements)} "
@@ -77,9 +79,11 @@ def tianshan(
     from ..files.write import write_flight
     from ..flights.tianshan import Scene
     from ..flights.tianshan import simulate as simulated
+    from .stages import Stages
 
-    flight = simulated(seed, Scene(path=path.value, looks=looks))
-    write_flight(flight, out, overwrite=force)
+    with Stages("simulate"):
+        flight = simulated(seed, Scene(path=path.value, looks=looks))
+        write_flight(flight, out, overwrite=force)
     typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {flight.points.names[0]}, in {out}")
 
 
@@ -115,9 +119,11 @@ def songshan(
     from ..files.write import write_flight
     from ..flights.songshan import Scene
     from ..flights.songshan import simulate as simulated
+    from .stages import Stages
 
-    flight = simulated(Scene(name=data.value, noise=noise.value, ties=ties), seed)
-    write_flight(flight, out, overwrite=force)
+    with Stages("simulate"):
+        flight = simulated(Scene(name=data.value, noise=noise.value, ties=ties), seed)
+        write_flight(flight, out, overwrite=force)
     roles = list(flight.points.roles)
     counts = ", ".join(f"{roles.count(role)} {role}" for role in ("control", "check", "tie"))
     typer.echo(f"{flight.name}: {len(flight.strips)} strips, {counts} points, {len(flight.measurements)} rays, in {out}")
