@@ -1,13 +1,13 @@
 """`whiskjax adjust`: strips of images adjusted together from control and tie points, and how far to trust the result."""
 
 import dataclasses
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..rules import FlightError
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
@@ -139,7 +139,7 @@ def _command(
     for option, value in (("--profile", profile), ("--terrain", terrain)):
         words += [option, value] if value is not None else []
     words += ["--max-steps", str(max_steps)] if max_steps != _STEPS else []
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, adjusted: "Adjusted", summary: "Summary", drawings: "list[Drawing]") -> None:

@@ -1,13 +1,13 @@
 """`whiskjax calibrate`: estimate a flight's unknowns from its control points, and show how far to trust them."""
 
 import dataclasses
-import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
@@ -109,7 +109,7 @@ def _command(flight: Path, out: Path, loss: Loss, bound: float | None, blunders:
     words += ["--bound", f"{bound:g}"] if bound is not None else []
     words += ["--blunders"] * blunders + ["--reweigh"] * reweigh
     words += ["--max-steps", str(max_steps)] if max_steps != 100 else []
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: "Summary", drawings: "list[Drawing]") -> None:

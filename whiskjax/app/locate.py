@@ -1,7 +1,6 @@
 """`whiskjax locate`: one target from all the looks at it, and how far to trust the answer."""
 
 import fnmatch
-import shlex
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..rules import FlightError
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
@@ -138,7 +138,8 @@ def _unknowns(flight: "Flight", patterns: list[str] | None, option: str) -> list
     names = [x.name for x in flight.unknowns]
     chosen: set[str] = set()
     for pattern in patterns or ():
-        fitting = names if pattern == "all" else fnmatch.filter(names, pattern)
+        # A name may look like a pattern: angles_deg[0].
+        fitting = [pattern] if pattern in names else names if pattern == "all" else fnmatch.filter(names, pattern)
         if not fitting:
             known = f"flight.toml has {listed(names)}" if names else "flight.toml has no [[unknown]]"
             raise FlightError(f"{option}: no unknown {pattern!r}{meant(pattern, names)}; {known}")
@@ -277,7 +278,7 @@ def _command(
     for option, names in (("--estimate", estimate), ("--consider", consider)):
         for name in names or ():
             words += [option, name]
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, sighting: "Sighting", summary: "Summary", drawings: "list[Drawing]") -> None:

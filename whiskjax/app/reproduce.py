@@ -1,11 +1,11 @@
 """`whiskjax reproduce`: a paper's tables and figures beside those of its simulation, over many seeds."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .print_study import bands_sentence, print_study
@@ -87,7 +87,7 @@ def _command(out: Path, seeds: int, first_seed: int, open_questions: bool) -> st
     words = ["whiskjax", "reproduce", "whiskbroom", "--out", str(out)]
     words += ["--seeds", str(seeds), "--first-seed", str(first_seed)]
     words += [] if open_questions else ["--no-open-questions"]
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Drawing]") -> None:

@@ -1,11 +1,11 @@
 """`whiskjax reproduce location`: paper 003 beside its simulation."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .print_study import bands_sentence, print_study
@@ -49,7 +49,7 @@ def location(
         found = measure(sizes, seed, stages.enter)
         stages.enter(_DRAW)
         words = ["whiskjax", "reproduce", "location", "--out", str(out), "--runs", str(runs), "--seed", str(seed)]
-        summary = summarise(found, sizes, seed, shlex.join(words))
+        summary = summarise(found, sizes, seed, command_text(words))
         drawings = draw_charts(found)
         with result_folder(out, _OURS) as folder:
             _write(folder, summary, drawings)

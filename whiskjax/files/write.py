@@ -17,6 +17,7 @@ from .measured import OBSERVATIONS, POINTS, SIGMAS
 from .names import listed
 from .navigation import position_texts
 from .noise import noise_to_toml
+from .plain_names import check_names
 from .pos_errors import pos_errors_to_toml
 from .source import IMAGES
 from .tables import exact, table_text, texts
@@ -94,6 +95,7 @@ def _refuse_to_destroy(folder: Path, overwrite: bool) -> list[str]:
 
 def flight_files(flight: Flight) -> dict[str, str]:
     """Every file of the folder as text, by name."""
+    check_names(flight)
     tables = Tables()
     chain = chain_to_toml(flight, tables)
     camera = camera_to_toml(flight.sensor.camera, tables)
