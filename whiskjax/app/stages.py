@@ -13,14 +13,14 @@ from .compiling import Compiling
 from .standard_error import is_terminal, write_line
 
 EVERY_S = 5.0
-_LEAST_S = 1.0
+SOON_S = 1.0
 _MANY = 6
 
 
 class Stages:
     """Says which of its stages a command is in, what its verb tells of it (`telling`), and when JAX compiles.
 
-    The first stage is said only when it lasts: bad input is answered by the error alone.
+    What is over at once is not said: bad input is answered by the error alone.
 
     **Arguments:** `names`: in the order in which `enter` will name them.
     """
@@ -90,32 +90,31 @@ class _Bar:
 
 
 class _Lines:
-    """A line at a new stage, and one whenever nothing was said for a few seconds, from a thread that does nothing else."""
+    """A line when a new stage has lasted a second, and one every few seconds, from a thread that does nothing else."""
 
     def __init__(self):
         self._words = ""
-        self._start = self._said = time.monotonic()
+        self._start = self._due = 0.0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="whiskjax progress", daemon=True)
 
     def __enter__(self) -> "_Lines":
-        self._start = self._said = time.monotonic()
+        self._start = time.monotonic()
+        self._due = self._start + EVERY_S
         self._thread.start()
         return self
 
     def show(self, words: str, at: int, is_news: bool) -> None:
         self._words = words
-        if is_news and (at == 1 or time.monotonic() - self._said > _LEAST_S):
-            self._say()
-
-    def _say(self) -> None:
-        self._said = time.monotonic()
-        write_line(f"whiskjax: {self._words} ... {self._said - self._start:.0f} s")
+        if is_news:
+            self._due = min(self._due, time.monotonic() + SOON_S)
 
     def _run(self) -> None:
-        while not self._end.wait(max(0.0, self._said + EVERY_S - time.monotonic())):
-            if time.monotonic() >= self._said + EVERY_S:
-                self._say()
+        while not self._end.wait(min(SOON_S, EVERY_S) / 4):
+            now = time.monotonic()
+            if now >= self._due:
+                self._due = now + EVERY_S
+                write_line(f"whiskjax: {self._words} ... {now - self._start:.0f} s")
 
     def __exit__(self, *_: object) -> None:
         self._end.set()
