@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.app.said import progress
 from whiskjax.chain.by import By
 from whiskjax.flights import haian, haian_paper
 from whiskjax.show.whiskbroom import findings
@@ -63,7 +64,7 @@ def exchanged(sensor, left, right):
 
 def test_writes_everything(reproduced):
     result, out = reproduced
-    assert result.stderr == ""
+    progress(result.stderr)
     assert {path.name for path in out.iterdir()} == WRITTEN
     assert all((out / f"figure_{number}.png").read_bytes().startswith(b"\x89PNG") for number in range(3, 8))
 

@@ -28,6 +28,7 @@ from .units import degree_lists, degrees, floats
 
 # Encoder angles in degrees: 1e-13 deg is 2e-15 rad.
 _ENCODER_DEG = 1e-13
+_LONGEST = 100  # bytes of a name that go into that of a file, which has at most 255
 
 
 class Tables:
@@ -42,13 +43,13 @@ class Tables:
         for name, there in self.texts.items():
             if there == text:
                 return name
-        name = _free(self.texts, f"{stem}.csv", f"{stem}_{label}.csv")
+        name = _free(self.texts, f"{stem}.csv", f"{stem}_{_word(label)}.csv")
         self.texts[name] = text
         return name
 
     def add_encoder(self, encoder: Encoder, label: str) -> tuple[str, str]:
         """The file and the column (without its unit) that hold an encoder."""
-        time = np.asarray(encoder.knots.time_s)
+        time, label = np.asarray(encoder.knots.time_s), _word(label)
         angle = rounded(np.degrees(np.asarray(encoder.angle_rad)), _ENCODER_DEG)
         same = [(file, columns) for file, clock, columns in self._clocks if np.array_equal(clock, time)]
         if not same:
@@ -264,8 +265,8 @@ def _single(value: Any, label: str, dimensions: int | None = None) -> Any:
 
 
 def _word(name: str) -> str:
-    """An option's name as a part of a file name or a column."""
-    return re.sub(r"\W+", "_", name)
+    """A name as a part of a file name or a column: without what these cannot hold, and short enough for a file system."""
+    return re.sub(r"\W+", "_", name).encode("utf-8")[:_LONGEST].decode("utf-8", "ignore")
 
 
 def _free(taken: Container[str], *names: str) -> str:

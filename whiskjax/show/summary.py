@@ -256,9 +256,7 @@ def _verdict(is_sound: bool, data: Summary) -> Summary:
         cautions.append(f"{rank}; what is left open moves {', '.join(together)} together, and there only priors speak")
     if determined["fixed_by_prior"]:
         held = determined["fixed_by_prior"]
-        cautions.append(
-            f"{', '.join(held)} {'is' if len(held) == 1 else 'are'} fixed by the prior alone: the data say nothing new"
-        )
+        cautions.append(f"fixed by the prior alone, as the data say nothing new: {', '.join(held)}")
     if (n := len(data["correlation"]["strong"])) > 0:
         cautions.append(f"{n} pair{'s' * (n > 1)} of unknowns {'are' if n > 1 else 'is'} correlated above {STRONG}")
     if (n := data["down_weighted"]["count"]) > 0:
