@@ -180,7 +180,7 @@ def test_what_is_wrong_with_the_samples_is_named(change, message):
         (1, np.radians(120.5), "latitude of sample 4"),
         (2, 120.5, "longitude of sample 4"),
         (4, np.radians(2000.0), "roll of sample 4"),
-        (5, 2.0, "pitch of sample 4"),
+        (5, 7.0, "pitch of sample 4"),
         (6, 30.0, "heading of sample 4"),
         (4, np.nan, "roll of sample 4"),
         (3, np.nan, "not finite"),

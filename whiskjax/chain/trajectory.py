@@ -14,6 +14,7 @@ from ..rules.results import choose
 from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
+from .possible import refuse_impossible_motion
 from .rotations import (
     Quaternion,
     quaternion_product,
@@ -83,6 +84,7 @@ class Trajectory(AbstractLink):
                     f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
                 )
         quaternion = sign_continuous(unit_quaternions(quaternion, "trajectory: the quaternion of sample"))
+        refuse_impossible_motion(np.asarray(time_s, dtype=np.float64), position, quaternion, velocity, max_gap_s)
         self.position_m = unstack(position)
         self.velocity_mps = None if velocity is None else unstack(velocity)
         self.quaternion = unstack(quaternion)

@@ -45,7 +45,7 @@ def points_of(source: Source) -> tuple[Points, Table]:
             )
             table.fail(row, what, f"{found}point {name!r} is there twice, first in line {table.lines[first]}; keep one of them")
         seen[name] = row
-    position = positions(table)
+    position = positions(table, source.toml.world.kind)
     for row in np.flatnonzero(np.isnan(position[:, 0])):
         if table["role"][row] != "tie":
             column = "lat_deg" if "lat_deg" in table else "x_m"
