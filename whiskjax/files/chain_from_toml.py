@@ -15,11 +15,12 @@ from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
+from ..chain.wraps import unclear_turn, unwrapped
 from ..earth.refraction import Refraction
 from ..rules import FlightError, WhiskjaxError
 from .flight_toml import NAME
 from .names import listed, meant
-from .navigation import is_ignored, navigation_columns, samples
+from .navigation import ATTITUDE, is_ignored, navigation_columns, samples
 from .sbet import is_sbet, read_sbet
 from .source import Source
 from .tables import Column, Table, check_increasing
@@ -107,10 +108,11 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
     pos = source.toml.pos
     file, gap = entry.file or pos.file, _max_gap(entry, source, place)
     delays = {"delay_s": _or_zero(entry.delay_s), "attitude_delay_s": _or_zero(entry.attitude_delay_s)}
+    way = entry.interpolation
     if is_sbet(file):
         if source.toml.world.kind == "local" or pos.angles != "roll_pitch_heading":
             raise FlightError(f'{place}: {file}: SBET holds latitude, longitude, height and angles = "roll_pitch_heading"')
-        return Trajectory(*read_sbet(source.folder / file), max_gap_s=gap, **delays)
+        return Trajectory(*read_sbet(source.folder / file), max_gap_s=gap, **delays, interpolation=way)
     sheet = source.sheet(file, place)
     columns = [Column("time_s"), *navigation_columns(sheet, source.toml.world.kind, pos.angles)]
     table = sheet.parse(columns, ignore=is_ignored)
@@ -118,8 +120,13 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
     if len(table) < 2:
         raise FlightError(f"{file}: {len(table)} samples; at least two are needed to interpolate")
     check_increasing(table, "time_s")
-    position, quaternion, velocity = samples(table, source.toml.world.kind, pos.angles)
-    return Trajectory(table["time_s"], position, quaternion, max_gap_s=gap, velocity_mps=velocity, **delays)
+    time, (position, quaternion, velocity) = table["time_s"], samples(table, source.toml.world.kind, pos.angles)
+    if unclear := unclear_turn(time, quaternion, np.diff(time) > gap):
+        table.fail(unclear.sample, ", ".join(ATTITUDE[pos.angles]), unclear.what)
+    if velocity is not None and way == "cubic":
+        source.left_out.append(f"{file}: velocities left out: a cubic trajectory has those of its positions.")
+        velocity = None
+    return Trajectory(time, position, quaternion, max_gap_s=gap, velocity_mps=velocity, **delays, interpolation=way)
 
 
 def _or_zero(value: float | None) -> Any:
@@ -181,9 +188,12 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     sampled = ~np.isnan(table[column])
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
-    return Encoder(
-        table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place), f"{file}, {column}"
-    )
+    time, angle, gap = table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place)
+    _, unclear = unwrapped(time, angle, np.diff(time) > gap, entry.wraps)
+    if unclear:
+        table.fail(int(np.flatnonzero(sampled)[unclear.sample]), column, unclear.what)
+    name = f"{file}, {column}"
+    return Encoder(time, angle, gap, name, interpolation=entry.interpolation, wraps=entry.wraps)
 
 
 def _basis(basis: Any) -> Any:
