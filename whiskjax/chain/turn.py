@@ -14,6 +14,8 @@ from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
 from .shot import Shot
+from .spline import Interpolation, check_interpolation, hermite, spline_slopes
+from .wraps import check_wraps, unwrapped
 
 
 def as_parameter(value: Any) -> Any:
@@ -24,23 +26,43 @@ def as_parameter(value: Any) -> Any:
 
 
 class Encoder(eqx.Module):
-    """A recorded angle, linear between its samples."""
+    """A recorded angle, between its samples linear, as in the papers, or a cubic spline.
+
+    `interpolation` "linear" has a rate that jumps at every sample, and so kinks a cost that is a function of a delay; "cubic" is
+    one spline for each piece between gaps, with continuous rate and acceleration (not a knot, as scipy's `CubicSpline`; a
+    parabola through three samples, a line through two). A spline overshoots where a mirror flies back within a sample or two:
+    such a record stays linear.
+    """
 
     knots: Knots
     angle_rad: Float[Array, " n"]
+    rate_rps: Float[Array, " n"] | None  # of the spline
     max_gap_s: float = eqx.field(static=True)
+    interpolation: Interpolation = eqx.field(static=True)
+    wraps: bool | None = eqx.field(static=True)
 
     def __init__(
-        self, time_s: Float[ArrayLike, " n"], angle_rad: Float[ArrayLike, " n"], max_gap_s: float, name: str = "encoder"
+        self,
+        time_s: Float[ArrayLike, " n"],
+        angle_rad: Float[ArrayLike, " n"],
+        max_gap_s: float,
+        name: str = "encoder",
+        *,
+        interpolation: Interpolation = "linear",
+        wraps: bool | None = None,
     ):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds.
-        - `angle_rad`: radians; jumps of a whole turn between samples are unwrapped.
+        - `angle_rad`: radians.
         - `max_gap_s`: longer intervals are not bridged.
         - `name`: for messages.
+        - `interpolation`: "linear" or "cubic".
+        - `wraps`: True for angles that were recorded modulo one turn, whose jumps are taken out; False for angles that are what
+          they are: cumulative, or of a mirror with flyback. None tells by the record (wraps.py), and refuses where it cannot.
 
-        **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ.
+        **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ, and a step
+        that cannot be told from its complement.
         """
         angle = np.asarray(angle_rad, dtype=np.float64)
         self.knots = Knots(time_s, max_gap_s, name)
@@ -48,14 +70,24 @@ class Encoder(eqx.Module):
             raise WhiskjaxError(f"{name}: {angle.shape} angles for {self.knots.time_s.shape} times")
         if not np.isfinite(angle).all():
             raise WhiskjaxError(f"{name}: the angle of sample {int(np.argmin(np.isfinite(angle)))} is not a finite number")
-        self.angle_rad = jnp.asarray(np.unwrap(angle))
+        time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
+        angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
+        if unclear:
+            raise WhiskjaxError(f"{name}: {unclear.what}")
+        self.interpolation = check_interpolation(name, interpolation)
+        self.angle_rad = jnp.asarray(angle)
+        is_cubic = self.interpolation == "cubic"
+        self.rate_rps = jnp.asarray(spline_slopes(time, angle[:, None], is_gap)[:, 0]) if is_cubic else None
         self.max_gap_s = float(max_gap_s)
+        self.wraps = wraps
 
     def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
         """The angle at each time, radians."""
-        i, w, _ = self.knots.locate(t)
-        before = take(self.angle_rad, i)
-        return before + w * (take(self.angle_rad, i + 1) - before)
+        i, w, length = self.knots.locate(t)
+        before, after = take(self.angle_rad, i), take(self.angle_rad, i + 1)
+        if self.rate_rps is None:
+            return before + w * (after - before)
+        return hermite(w, before, after, length * take(self.rate_rps, i), length * take(self.rate_rps, i + 1))
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether the encoder was recorded at each time."""

@@ -17,6 +17,7 @@ from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
+from ..chain.wraps import unwrapped
 from ..earth.refraction import Refraction
 from ..rules import FlightError, WhiskjaxError
 from .flight_toml import NAME
@@ -110,17 +111,24 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
     pos = source.toml.pos
     file, gap = entry.file or pos.file, _max_gap(entry, source, place)
     delays = {"delay_s": _or_zero(entry.delay_s), "attitude_delay_s": _or_zero(entry.attitude_delay_s)}
+    way = entry.interpolation
     if is_sbet(file):
         if source.toml.world.kind == "local" or pos.angles != "roll_pitch_heading":
             raise FlightError(f'{place}: {file}: SBET holds latitude, longitude, height and angles = "roll_pitch_heading"')
         with in_words_of_sbet(file):
             records = read_sbet(source.folder / file)
             refuse_impossible_speed(records.time_s, records.position_m, gap)
-            return Trajectory(*records, max_gap_s=gap, **delays)
+            return Trajectory(*records, max_gap_s=gap, **delays, interpolation=way)
     time_s, found, table = _recorded(file, source, place)
+    velocity = found.velocity_mps
+    if velocity is not None and way == "cubic":
+        source.left_out.append(f"{file}: velocities left out: a cubic trajectory has those of its positions.")
+        velocity = None
     with in_words_of_table(table, pos.angles):
         refuse_impossible_speed(time_s, found.position_m, gap)
-        return Trajectory(time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=found.velocity_mps, **delays)
+        return Trajectory(
+            time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=velocity, **delays, interpolation=way
+        )
 
 
 def _recorded(file: str, source: Source, place: str) -> tuple[np.ndarray, Samples, Table]:
@@ -193,9 +201,12 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     sampled = ~np.isnan(table[column])
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
-    return Encoder(
-        table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place), f"{file}, {column}"
-    )
+    time, angle, gap = table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place)
+    _, unclear = unwrapped(time, angle, np.diff(time) > gap, entry.wraps)
+    if unclear:
+        table.fail(int(np.flatnonzero(sampled)[unclear.sample]), column, unclear.what)
+    name = f"{file}, {column}"
+    return Encoder(time, angle, gap, name, interpolation=entry.interpolation, wraps=entry.wraps)
 
 
 def _basis(basis: Any) -> Any:

@@ -109,6 +109,7 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             max_gap_s=None if link.max_gap_s == gap else link.max_gap_s,
             delay_s=_number(link.delay_s),
             attitude_delay_s=_number(link.attitude_delay_s),
+            interpolation=None if link.interpolation == "linear" else link.interpolation,
         )
     if isinstance(link, PosePerImage):
         columns = {"image": [image.name for image in flight.images]} | dict(sample_texts(_samples(link), world))
@@ -140,6 +141,8 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             delay_s=_number(link.delay_s),
             zero_deg=None if type(link.zero_rad) is int else degrees(float(link.zero_rad)),
             max_gap_s=None if link.encoder.max_gap_s == gap else link.encoder.max_gap_s,
+            interpolation=None if link.encoder.interpolation == "linear" else link.encoder.interpolation,
+            wraps=None if link.encoder.wraps is None else False,  # jumps of a whole turn are taken out of what is written
         )
     if isinstance(link, Correction):
         return _given(
@@ -159,7 +162,8 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
 
 
 def _samples(link: Trajectory | PosePerImage) -> Samples:
-    velocity = link.velocity_mps if isinstance(link, Trajectory) else None
+    # The velocities of a spline are its own, not recorded.
+    velocity = link.velocity_mps if isinstance(link, Trajectory) and link.interpolation == "linear" else None
     return Samples(_rows(link.position_m), _rows(link.quaternion), None if velocity is None else _rows(velocity))
 
 

@@ -214,7 +214,7 @@ def _covariance(answers: Answers) -> Drawing:
     dress(axes, grid="y")
     caption = (
         f"{len(h.nees)} calibrations, truths drawn from the prior: the errors scatter as the covariance says, for the unknowns "
-        f"that only the prior holds as well (grey: the band; bars: 1-sigma of the ratio). Mean NEES {h.nees.mean():.2f}, expected "
-        f"{len(names)}."
+        f"that only the prior holds as well (grey: the band; bars: 1-sigma of the ratio). Mean NEES {h.nees.mean():.2f}, "
+        f"expected {len(names)}."
     )
     return Drawing(NAMES[4], "Is the covariance honest?", caption, figure)
