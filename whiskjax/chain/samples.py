@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
-from ..rules import WhiskjaxError
+from ..earth.ellipsoid import ECCENTRICITY2, LAT_FIRST, SEMI_MAJOR_M
+from ..rules import Arrays, WhiskjaxError
 
 
 def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> Float[np.ndarray, "n 4"]:
@@ -88,28 +88,18 @@ def ecef_from_ned_matrices(lat_rad, lon_rad) -> Float[np.ndarray, "n 3 3"]:
 def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, velocity_ned_mps=None):
     """ECEF positions (n, 3), quaternions ecef_from_body (n, 4) and ECEF velocities (n, 3) or None, of geodetic POS records.
 
-    **Raises:** `WhiskjaxError` for a latitude beyond 90 deg or angles that can only be degrees.
+    **Raises:** `WhiskjaxError` for float32, shapes that differ, a latitude beyond a pole or angles that can only be degrees.
     """
-    lat, lon, height, roll, pitch, heading = (
-        np.asarray(v, dtype=np.float64) for v in (lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad)
-    )
-    if len({v.shape for v in (lat, lon, height, roll, pitch, heading)}) > 1:
-        shapes = ", ".join(str(v.shape) for v in (lat, lon, height, roll, pitch, heading))
-        raise WhiskjaxError(f"trajectory: latitude, longitude, height, roll, pitch and heading differ in shape: {shapes}")
-    for name, value, limit in (
-        ("latitude", lat, np.pi / 2),
-        ("longitude", lon, 2 * np.pi),
-        ("roll", roll, np.pi),
-        ("pitch", pitch, np.pi / 2),
-        ("heading", heading, 2 * np.pi),
-    ):
-        bad = ~(np.abs(value) <= limit * (1 + 1e-12))
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise WhiskjaxError(
-                f"trajectory: the {name} of sample {i} is {value.flat[i]:.6g} rad, outside +-{limit:.4f}: radians are expected "
-                "(degrees only in files), latitude before longitude"
-            )
+    arrays = Arrays("Trajectory.from_geodetic")
+
+    def take(name, value, within_rad=None, meaning=""):
+        return np.asarray(arrays.take(name, value, "n", absolute=True, finite=True, within_rad=within_rad, meaning=meaning))
+
+    lat = take("lat_rad", lat_rad, np.pi / 2, LAT_FIRST)
+    lon, height = take("lon_rad", lon_rad, 2 * np.pi), take("height_m", height_m)
+    # Any roll, pitch or heading is a rotation, but beyond a whole turn it was meant in degrees.
+    roll, pitch = take("roll_rad", roll_rad, 2 * np.pi), take("pitch_rad", pitch_rad, 2 * np.pi)
+    heading = take("heading_rad", heading_rad, 2 * np.pi)
     s, c = np.sin(lat), np.cos(lat)
     n = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY2 * s * s)
     position = np.stack(
@@ -117,5 +107,6 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
     )
     to_ecef = ecef_from_ned_matrices(lat, lon)
     quaternion = quaternions_from_matrices(to_ecef @ ned_from_body_matrices(roll, pitch, heading))
-    velocity = None if velocity_ned_mps is None else np.einsum("nij,nj->ni", to_ecef, np.asarray(velocity_ned_mps))
+    ned = arrays.take("velocity_ned_mps", velocity_ned_mps, "n 3", optional=True, absolute=True, finite=True)
+    velocity = None if ned is None else np.einsum("nij,nj->ni", to_ecef, np.asarray(ned))
     return position, quaternion, velocity

@@ -9,8 +9,9 @@ from ..algebra.angles import SMALL_RAD, sincos, sincos_of_small
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, Arrays, first_failure, require_x64
 from ..rules.results import choose
+from .camera import parameter
 from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
@@ -24,7 +25,7 @@ from .rotations import (
 from .samples import ecef_samples, relative_turns, sign_continuous, unit_quaternions
 from .shot import Shot
 from .stations import AbstractStations, motion
-from .turn import as_parameter
+from .turn import as_parameter, take_component
 
 
 class Trajectory(AbstractLink):
@@ -68,23 +69,15 @@ class Trajectory(AbstractLink):
         **Raises:** `WhiskjaxError` for times that do not increase, values that are not finite, lengths that differ.
         """
         require_x64("Trajectory")
-        self.knots = Knots(time_s, max_gap_s, "trajectory")
-        n = self.knots.time_s.shape[0]
-        position = np.asarray(position_m, dtype=np.float64)
-        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
-        velocity = None if velocity_mps is None else np.asarray(velocity_mps, dtype=np.float64)
-        for name, value, width in (("position", position, 3), ("quaternion", quaternion, 4), ("velocity", velocity, 3)):
-            if value is None:
-                continue
-            if value.shape != (n, width):
-                raise WhiskjaxError(f"trajectory: {name} has shape {value.shape}, expected ({n}, {width})")
-            if not np.isfinite(value).all():
-                raise WhiskjaxError(
-                    f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
-                )
-        quaternion = sign_continuous(unit_quaternions(quaternion, "trajectory: the quaternion of sample"))
+        arrays = Arrays("Trajectory")
+        time = arrays.take("time_s", time_s, "n", absolute=True)
+        position = np.asarray(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
+        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
+        velocity = arrays.take("velocity_mps", velocity_mps, "n 3", optional=True, absolute=True, finite=True)
+        self.knots = Knots(time, max_gap_s, "Trajectory")
+        quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
         self.position_m = unstack(position)
-        self.velocity_mps = None if velocity is None else unstack(velocity)
+        self.velocity_mps = None if velocity is None else unstack(np.asarray(velocity))
         self.quaternion = unstack(quaternion)
         turn = relative_turns(quaternion)
         angle = np.linalg.norm(turn, axis=-1, keepdims=True)
@@ -92,8 +85,8 @@ class Trajectory(AbstractLink):
         self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
         self.turns_are_small = bool((0.5 * angle < SMALL_RAD).all())
         self.max_gap_s = float(max_gap_s)
-        self.delay_s = delay_s
-        self.attitude_delay_s = attitude_delay_s
+        self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
+        self.attitude_delay_s = take_component(arrays, "attitude_delay_s", attitude_delay_s, absolute=True)
 
     @classmethod
     def from_geodetic(
@@ -172,8 +165,8 @@ class PosePerImage(AbstractStations):
 
     position_m: Vec3  # components, each (n,)
     quaternion: Quaternion
-    turn_rad: Float[Array, "n 3"] | None
-    shift_m: Float[Array, "n 3"] | None
+    turn_rad: Float[Array, "n 3"] | None = eqx.field(converter=parameter)
+    shift_m: Float[Array, "n 3"] | None = eqx.field(converter=parameter)
 
     def __init__(
         self,
@@ -184,20 +177,14 @@ class PosePerImage(AbstractStations):
     ):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")
-        position = np.asarray(position_m, dtype=np.float64)
-        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
-        if position.ndim != 2 or position.shape[1] != 3 or quaternion.shape != (len(position), 4):
-            raise WhiskjaxError(
-                f"poses: positions {position.shape} and quaternions {quaternion.shape}, expected (n, 3) and (n, 4)"
-            )
-        for name, value in (("position", position), ("quaternion", quaternion)):
-            if not np.isfinite(value).all():
-                raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
-        quaternion = unit_quaternions(quaternion, "poses: the quaternion of image")
+        arrays = Arrays("PosePerImage")
+        position = np.asarray(arrays.take("position_m", position_m, "images 3", absolute=True, finite=True))
+        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "images 4", absolute=True, finite=True))
+        quaternion = unit_quaternions(quaternion, "PosePerImage: the quaternion of image")
         self.position_m = unstack(position)
         self.quaternion = unstack(quaternion)
-        self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
-        self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
+        self.turn_rad = arrays.take("turn_rad", turn_rad, "images 3", optional=True, finite=True, within_rad=2 * np.pi)
+        self.shift_m = arrays.take("shift_m", shift_m, "images 3", optional=True, finite=True)
 
     @property
     def stations(self) -> int:
