@@ -12,6 +12,7 @@ from ..earth.ellipsoid import LAT_FIRST
 from ..rules import RESULTS, Arrays, require_x64
 from .link import AbstractLink
 from .pose import Pose
+from .samples import ATTITUDE_RAD, TURNS
 from .shot import Shot
 from .trajectory import ecef_from_body
 from .turn import as_parameter, take_component
@@ -41,13 +42,13 @@ class Records(AbstractLink):
     ):
         """**Raises:** `WhiskjaxError` for float32, shapes that do not broadcast, a latitude beyond a pole, angles in degrees."""
         require_x64("Records")
-        arrays, turn = Arrays("Records"), 2 * np.pi
+        arrays = Arrays("Records")
         self.lat_rad = take_component(arrays, "lat_rad", lat_rad, absolute=True, within_rad=np.pi / 2, meaning=LAT_FIRST)
-        self.lon_rad = take_component(arrays, "lon_rad", lon_rad, absolute=True, within_rad=turn)
+        self.lon_rad = take_component(arrays, "lon_rad", lon_rad, absolute=True, within_rad=2 * np.pi)
         self.height_m = take_component(arrays, "height_m", height_m, absolute=True)
-        self.roll_rad = take_component(arrays, "roll_rad", roll_rad, absolute=True, within_rad=turn)
-        self.pitch_rad = take_component(arrays, "pitch_rad", pitch_rad, absolute=True, within_rad=turn)
-        self.heading_rad = take_component(arrays, "heading_rad", heading_rad, absolute=True, within_rad=turn)
+        self.roll_rad = take_component(arrays, "roll_rad", roll_rad, True, ATTITUDE_RAD, TURNS)
+        self.pitch_rad = take_component(arrays, "pitch_rad", pitch_rad, True, ATTITUDE_RAD, TURNS)
+        self.heading_rad = take_component(arrays, "heading_rad", heading_rad, True, ATTITUDE_RAD, TURNS)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -6,6 +6,10 @@ from jaxtyping import Float
 from ..earth.ellipsoid import ECCENTRICITY2, LAT_FIRST, SEMI_MAJOR_M
 from ..rules import Arrays, WhiskjaxError
 
+# Any roll, pitch or heading is a rotation, and a heading may run on through north; but beyond two turns degrees were meant.
+ATTITUDE_RAD = 4 * np.pi
+TURNS = "of a heading that runs on take out whole turns"
+
 
 def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> Float[np.ndarray, "n 4"]:
     """Normalised.
@@ -97,9 +101,8 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
 
     lat = take("lat_rad", lat_rad, np.pi / 2, LAT_FIRST)
     lon, height = take("lon_rad", lon_rad, 2 * np.pi), take("height_m", height_m)
-    # Any roll, pitch or heading is a rotation, but beyond a whole turn it was meant in degrees.
-    roll, pitch = take("roll_rad", roll_rad, 2 * np.pi), take("pitch_rad", pitch_rad, 2 * np.pi)
-    heading = take("heading_rad", heading_rad, 2 * np.pi)
+    roll, pitch = take("roll_rad", roll_rad, ATTITUDE_RAD, TURNS), take("pitch_rad", pitch_rad, ATTITUDE_RAD, TURNS)
+    heading = take("heading_rad", heading_rad, ATTITUDE_RAD, TURNS)
     s, c = np.sin(lat), np.cos(lat)
     n = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY2 * s * s)
     position = np.stack(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import WhiskjaxError
+from ..rules import Arrays, WhiskjaxError, need
 from .adjustment import Here, Ready, point_part
 from .observations import Observations
 from .unknown import Unknown
@@ -43,6 +43,9 @@ class Reweigh:
     spread: float = 30.0
 
     def __post_init__(self):
+        Arrays("Reweigh").take("spread", self.spread, "")
+        if self.priors is not None:
+            need("Reweigh", "priors", self.priors, Mapping, 'groups of unknowns by name, as {"lever arm": ["u_gps"]}')
         if not (math.isfinite(self.spread) and self.spread > 1):
             raise WhiskjaxError(f"Reweigh: spread is a factor above 1, not {self.spread}")
 

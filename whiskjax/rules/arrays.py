@@ -86,6 +86,18 @@ class Arrays:
         self.fit(name, tuple(array.shape), shape)
         return array
 
+    def take_choice(self, name: str, value: Any, n: int) -> np.ndarray:
+        """Which of n: a mask (n,), or indices; as indices."""
+        array = np.asarray(self._array(name, value))
+        if array.dtype == np.bool_:
+            self.fit(name, array.shape, str(n), "a mask, True for each that is meant")
+            return np.flatnonzero(array)
+        index = np.asarray(self.take_whole(name, array if array.size else array.astype(int), "chosen"))
+        wrong = index[(index < -n) | (index >= n)]
+        if wrong.size:
+            self.refuse(name, f"holds the index {wrong[0]}, but there are {n}")
+        return np.arange(n)[index]
+
     def fit(self, name: str, found: tuple[int, ...], shape: str, meaning: str = "") -> None:
         """Whether the shape of an array that was taken elsewhere fits those taken here.
 
