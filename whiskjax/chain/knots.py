@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..rules import RESULTS, WhiskjaxError, require_x64
+from ..rules import RESULTS, Arrays, WhiskjaxError, require_x64
 from ..rules.results import choose
 from .samples import blocks
 
@@ -44,13 +44,11 @@ class Knots(eqx.Module):
         `RuntimeError` where float64 is off.
         """
         require_x64(what)  # an epoch in float32 is wrong by minutes
-        t = np.asarray(time_s, dtype=np.float64)
-        if t.ndim != 1 or len(t) < 2:
-            raise WhiskjaxError(f"{what}: at least two sample times are needed to interpolate, got shape {t.shape}")
-        if not np.isfinite(t).all():
-            raise WhiskjaxError(f"{what}: the time of sample {int(np.argmin(np.isfinite(t)))} is not a finite number")
-        if not max_gap_s > 0:
-            raise WhiskjaxError(f"{what}: max_gap_s must be positive, got {max_gap_s}")
+        arrays = Arrays(what)
+        t = np.asarray(arrays.take("time_s", time_s, "n", absolute=True, finite=True))
+        if len(t) < 2:
+            arrays.refuse("time_s", f"has shape {t.shape}; at least two sample times are needed to interpolate")
+        arrays.take("max_gap_s", max_gap_s, "", above=0.0)
         steps = np.diff(t)
         if (steps <= 0).any():
             i = int(np.argmax(steps <= 0))

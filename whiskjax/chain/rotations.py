@@ -23,7 +23,7 @@ def rotation_from_angles(angles_rad: Vec3, order: str) -> Mat3:
 
 def check_order(order: str) -> str:
     """The order itself, if it names each axis once."""
-    if sorted(order) != list(_AXES):
+    if not isinstance(order, str) or sorted(order) != list(_AXES):
         raise WhiskjaxError(f"an order of rotations names each of x, y and z once, as 'xyz' or 'zyx', not {order!r}")
     return order
 

@@ -5,9 +5,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from jaxtyping import Float
 
-from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
-from ..rules import WhiskjaxError
+from ..earth.ellipsoid import ECCENTRICITY2, LAT_FIRST, SEMI_MAJOR_M
+from ..rules import Arrays, WhiskjaxError
 from .rotations import Quaternion, quaternion_product
+
+# Any roll, pitch or heading is a rotation, and a heading may run on through north; but beyond two turns degrees were meant.
+ATTITUDE_RAD = 4 * np.pi
+TURNS = "of a heading that runs on take out whole turns"
 
 # Records that are worked on at once: what they need in between stays in the processor's cache.
 _BLOCK = 1 << 14
@@ -145,33 +149,23 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
 
     Any roll, pitch and heading within a turn are a rotation: the pitch of a gimbal that passes nadir is beyond -90 deg.
 
-    **Raises:** `WhiskjaxError` for a latitude beyond 90 deg or angles that can only be degrees.
+    **Raises:** `WhiskjaxError` for float32, shapes that differ, a latitude beyond a pole or angles that can only be degrees.
     """
-    lat, lon, height, roll, pitch, heading = (
-        np.asarray(v, dtype=np.float64) for v in (lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad)
-    )
-    if len({v.shape for v in (lat, lon, height, roll, pitch, heading)}) > 1:
-        shapes = ", ".join(str(v.shape) for v in (lat, lon, height, roll, pitch, heading))
-        raise WhiskjaxError(f"trajectory: latitude, longitude, height, roll, pitch and heading differ in shape: {shapes}")
-    for name, value, limit in (
-        ("latitude", lat, np.pi / 2),
-        ("longitude", lon, 2 * np.pi),
-        ("roll", roll, 2 * np.pi),
-        ("pitch", pitch, 2 * np.pi),
-        ("heading", heading, 2 * np.pi),
-    ):
-        bad = ~(np.abs(value) <= limit * (1 + 1e-12))
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise WhiskjaxError(
-                f"trajectory: the {name} of sample {i} is {value.flat[i]:.6g} rad, outside +-{limit:.4f}: radians are expected "
-                "(degrees only in files), latitude before longitude"
-            )
+    arrays = Arrays("Trajectory.from_geodetic")
+
+    def take(name, value, within_rad=None, meaning=""):
+        return np.asarray(arrays.take(name, value, "n", absolute=True, finite=True, within_rad=within_rad, meaning=meaning))
+
+    lat = take("lat_rad", lat_rad, np.pi / 2, LAT_FIRST)
+    lon, height = take("lon_rad", lon_rad, 2 * np.pi), take("height_m", height_m)
+    roll, pitch = take("roll_rad", roll_rad, ATTITUDE_RAD, TURNS), take("pitch_rad", pitch_rad, ATTITUDE_RAD, TURNS)
+    heading = take("heading_rad", heading_rad, ATTITUDE_RAD, TURNS)
     position = ecef_positions(lat, lon, height)
     quaternion = quaternions_in_blocks(
         len(lat), lambda i: quaternion_product(ned_in_ecef(lat[i], lon[i]), body_in_ned(roll[i], pitch[i], heading[i]))
     )
-    velocity = None if velocity_ned_mps is None else ecef_from_ned_vectors(lat, lon, velocity_ned_mps)
+    ned = arrays.take("velocity_ned_mps", velocity_ned_mps, "n 3", optional=True, absolute=True, finite=True)
+    velocity = None if ned is None else ecef_from_ned_vectors(lat, lon, np.asarray(ned))
     return position, quaternion, velocity
 
 

@@ -74,7 +74,7 @@ def _slopes(t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n m"]) -> Floa
         middle = (after * steep[:-1] + before * steep[1:]) / both
         return np.concatenate([2 * steep[:1] - middle, middle, 2 * steep[1:] - middle])
     # At each inner sample: after s[i-1] + 2 both s[i] + before s[i+1] = 3 (after steep[i-1] + before steep[i]). Not a knot, at
-    # the first: after s[0] + both s[1] = first; and likewise at the last. Taken from their neighbours they leave the inner samples.
+    # the first: after s[0] + both s[1] = first; likewise at the last. Taken from their neighbours they leave the inner samples.
     right = 3 * (after * steep[:-1] + before * steep[1:])
     first = ((before + 2 * both) * after * steep[:-1] + before**2 * steep[1:])[0] / both[0]
     last = ((after + 2 * both) * before * steep[1:] + after**2 * steep[:-1])[-1] / both[-1]

@@ -8,9 +8,10 @@ from jaxtyping import Array, ArrayLike, Float
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, Arrays, first_failure, require_x64
 from ..rules.results import choose
 from .attitudes import Slerp, TurnSpline
+from .camera import parameter
 from .knots import Knots, take
 from .link import AbstractLink
 from .pose import Pose
@@ -26,7 +27,7 @@ from .samples import ecef_samples, sign_continuous, unit_quaternions
 from .shot import Shot
 from .spline import Interpolation, check_interpolation, hermite, spline_slopes
 from .stations import AbstractStations, motion
-from .turn import as_parameter
+from .turn import as_parameter, take_component
 from .wraps import unclear_turn
 
 
@@ -83,26 +84,18 @@ class Trajectory(AbstractLink):
         attitudes half a turn apart, between which no way round is the short one.
         """
         require_x64("Trajectory")
-        self.knots = Knots(time_s, max_gap_s, "trajectory")
-        n = self.knots.time_s.shape[0]
-        position = np.asarray(position_m, dtype=np.float64)
-        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
-        velocity = None if velocity_mps is None else np.asarray(velocity_mps, dtype=np.float64)
-        for name, value, width in (("position", position, 3), ("quaternion", quaternion, 4), ("velocity", velocity, 3)):
-            if value is None:
-                continue
-            if value.shape != (n, width):
-                raise WhiskjaxError(f"trajectory: {name} has shape {value.shape}, expected ({n}, {width})")
-            if not np.isfinite(value).all():
-                raise WhiskjaxError(
-                    f"trajectory: the {name} of sample {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite"
-                )
-        quaternion = sign_continuous(unit_quaternions(quaternion, "trajectory: the quaternion of sample"))
+        arrays = Arrays("Trajectory")
+        position = np.asarray(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
+        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
+        velocity = arrays.take("velocity_mps", velocity_mps, "n 3", optional=True, absolute=True, finite=True)
+        self.knots = Knots(arrays.take("time_s", time_s, "n", absolute=True), max_gap_s, "Trajectory")
+        quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
+        velocity = None if velocity is None else np.asarray(velocity)
         time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
         refuse_impossible_motion(time, position, quaternion, velocity, max_gap_s)
         if unclear := unclear_turn(time, quaternion, is_gap):
             raise ImpossibleMotion(unclear.sample, "attitude", lambda name: unclear.what)
-        self.interpolation = check_interpolation("trajectory", interpolation)
+        self.interpolation = check_interpolation("Trajectory", interpolation)
         if self.interpolation == "linear":
             self.turning = Slerp(quaternion)
         elif velocity is None:
@@ -110,15 +103,15 @@ class Trajectory(AbstractLink):
             self.turning = TurnSpline(time, quaternion, is_gap)
         else:
             raise WhiskjaxError(
-                "trajectory: a cubic spline takes its velocities from the positions; leave velocity_mps out, or take "
+                "Trajectory: a cubic spline takes its velocities from the positions; leave velocity_mps out, or take "
                 "interpolation='linear', which meets position and velocity at every sample"
             )
         self.position_m = unstack(position)
-        self.velocity_mps = None if velocity is None else unstack(velocity)
+        self.velocity_mps = None if velocity is None else unstack(np.asarray(velocity))
         self.quaternion = unstack(quaternion)
         self.max_gap_s = float(max_gap_s)
-        self.delay_s = delay_s
-        self.attitude_delay_s = attitude_delay_s
+        self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
+        self.attitude_delay_s = take_component(arrays, "attitude_delay_s", attitude_delay_s, absolute=True)
 
     @classmethod
     def from_geodetic(
@@ -191,8 +184,8 @@ class PosePerImage(AbstractStations):
 
     position_m: Vec3  # components, each (n,)
     quaternion: Quaternion
-    turn_rad: Float[Array, "n 3"] | None
-    shift_m: Float[Array, "n 3"] | None
+    turn_rad: Float[Array, "n 3"] | None = eqx.field(converter=parameter)
+    shift_m: Float[Array, "n 3"] | None = eqx.field(converter=parameter)
 
     def __init__(
         self,
@@ -203,20 +196,14 @@ class PosePerImage(AbstractStations):
     ):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")
-        position = np.asarray(position_m, dtype=np.float64)
-        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
-        if position.ndim != 2 or position.shape[1] != 3 or quaternion.shape != (len(position), 4):
-            raise WhiskjaxError(
-                f"poses: positions {position.shape} and quaternions {quaternion.shape}, expected (n, 3) and (n, 4)"
-            )
-        for name, value in (("position", position), ("quaternion", quaternion)):
-            if not np.isfinite(value).all():
-                raise WhiskjaxError(f"poses: the {name} of image {int(np.argwhere(~np.isfinite(value))[0, 0])} is not finite")
-        quaternion = unit_quaternions(quaternion, "poses: the quaternion of image")
+        arrays = Arrays("PosePerImage")
+        position = np.asarray(arrays.take("position_m", position_m, "images 3", absolute=True, finite=True))
+        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "images 4", absolute=True, finite=True))
+        quaternion = unit_quaternions(quaternion, "PosePerImage: the quaternion of image")
         self.position_m = unstack(position)
         self.quaternion = unstack(quaternion)
-        self.turn_rad = None if turn_rad is None else jnp.asarray(turn_rad, dtype=float)
-        self.shift_m = None if shift_m is None else jnp.asarray(shift_m, dtype=float)
+        self.turn_rad = arrays.take("turn_rad", turn_rad, "images 3", optional=True, finite=True, within_rad=2 * np.pi)
+        self.shift_m = arrays.take("shift_m", shift_m, "images 3", optional=True, finite=True)
 
     @property
     def stations(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ..rules.results import codes_of, is_successful, message_of
 from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
@@ -19,7 +19,7 @@ from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
 from .reliability import Reliability, log_density, of_common_points, reliability
-from .unknown import Unknown, admit, assign
+from .unknown import Unknown, admit, assign, need_unknowns
 from .variance_components import Components, Reweigh, components, group, weighing
 from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
@@ -125,6 +125,13 @@ def calibrate(
     be imaged, or the unknowns that nothing determines.
     """
     require_x64("calibrate")
+    need("calibrate", "sensor", sensor, Sensor)
+    need("calibrate", "observations", observations, Observations)
+    need_unknowns("calibrate", "unknowns", unknowns)
+    need_unknowns("calibrate", "consider", consider)
+    for name, value, kind in (("loss", loss, AbstractLoss), ("blunders", blunders, Blunders), ("reweigh", reweigh, Reweigh)):
+        if value is not None:
+            need("calibrate", name, value, kind)
     control = observations.is_control
     if not control.any():
         raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")

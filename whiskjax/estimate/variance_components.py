@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import WhiskjaxError
+from ..rules import Arrays, WhiskjaxError
 from .adjustment import Here, Ready, point_part
 from .observations import Observations
 from .unknown import Unknown
@@ -44,6 +44,7 @@ class Reweigh:
     spread: float = 30.0
 
     def __post_init__(self):
+        Arrays("Reweigh").take("spread", self.spread, "")
         if not isinstance(self.priors, bool | Mapping):
             raise WhiskjaxError(f"Reweigh: priors is True, False, or groups of unknowns by name, not {self.priors!r}")
         if not (math.isfinite(self.spread) and self.spread > 1):

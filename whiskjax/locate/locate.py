@@ -12,14 +12,14 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..algebra.vectors import stack, unstack, vadd
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
-from ..earth.surface import AbstractSurface, HeightSurface
+from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
-from ..estimate.unknown import Unknown
-from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, is_traced
+from ..estimate.unknown import Unknown, need_unknowns
+from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, is_traced, need
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
 from .filter import Step, run
-from .guess import Guess, first_guess
+from .guess import Guess, first_guess, take_sigma
 from .location import Location, LookByLook, impossible_looks
 from .looks import Looks
 from .model import Model
@@ -78,11 +78,23 @@ def locate(
     **Reference:** Liu et al. (2019), paper 003; Bell and Cathey (1993) for the iterated filter; Schmidt (1966).
     """
     surface = HeightSurface(0.0) if surface is None else surface
+    need("locate", "sensor", sensor, Sensor)
+    need("locate", "looks", looks, Looks, "Looks(shot, pixel_px, sigma_px)")
+    need_surface("locate", surface)
+    for name, value, kind in (("guess", guess, Guess), ("motion", motion, ConstantVelocity)):
+        if value is not None:
+            need("locate", name, value, kind)
+    need("locate", "noise", noise, Sequence, "[FrameNoise(...), ...]")
+    for i, frame in enumerate(noise):
+        need("locate", f"noise[{i}]", frame, FrameNoise)
+    need_unknowns("locate", "estimate", estimate)
+    if not isinstance(consider, Calibration):
+        need_unknowns("locate", "consider", consider)
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     for frame in noise:
         frame.check(sensor)
-    if gate is not None and not 0 < gate < 1:
+    if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
         raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
     if motion is not None:
         if method == "batch" and (is_traced(motion.acceleration_enu) or bool((np.asarray(motion.acceleration_enu) != 0).any())):
@@ -92,6 +104,7 @@ def locate(
     if guess is None:
         if sigma_enu_m is None:
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
+        take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
     sensor, nuisance = gather(sensor, estimate, consider)
     nis = None if gate is None else -2 * math.log(gate)

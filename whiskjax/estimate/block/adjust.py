@@ -11,11 +11,11 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
 from ...chain.sensor import Sensor
-from ...rules import RESULTS, SensorError, WhiskjaxError, first_failure, require_x64
+from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
-from ..unknown import Unknown
+from ..unknown import Unknown, need_unknowns
 from ..variance_components import Components
 from ..verdict import contradictions
 from . import weights
@@ -76,15 +76,20 @@ def adjust(
     a ray that the adjusted sensor cannot have made, or where the equations are singular.
     """
     require_x64("adjust")
+    need("adjust", "sensor", sensor, Sensor)
+    need("adjust", "block", block, Block)
+    need_unknowns("adjust", "unknowns", unknowns)
+    for name, value, kind in (("pos_errors", pos_errors, PosErrors), ("blunders", blunders, Blunders)):
+        if value is not None:
+            need("adjust", name, value, kind)
+    need("adjust", "reweigh", reweigh, bool, "True; groups as of Reweigh() are for calibrate")
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
-    start_m = np.asarray(start_m, dtype=float)
-    if start_m.shape != (len(block.role), 3):
-        raise WhiskjaxError(f"adjust: start_m has shape {start_m.shape}, expected {(len(block.role), 3)}")
+    start_m = np.asarray(Arrays("adjust").take("start_m", start_m, f"{len(block.role)} 3", absolute=True))
     unplaced = np.flatnonzero(block.seen & ~lonely & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
     if unplaced.size:
         raise WhiskjaxError(f"{block.point_label(int(unplaced[0]))}: start_m holds no finite coordinates of it")

@@ -23,8 +23,8 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
-from ...rules import WhiskjaxError
-from ..unknown import Unknown, admit, assign
+from ...rules import WhiskjaxError, need
+from ..unknown import Unknown, admit, assign, need_unknowns
 from .adjust import report, retimed
 from .adjustment import Adjustment
 from .begin import begin
@@ -85,6 +85,10 @@ def two_step(
 
     **Raises:** as `adjust`; `WhiskjaxError` where a name is no unknown, or POS observed nothing.
     """
+    need("two_step", "sensor", sensor, Sensor)
+    need("two_step", "block", block, Block)
+    need("two_step", "pos_errors", pos_errors, PosErrors)
+    need_unknowns("two_step", "unknowns", unknowns)
     names = [x.name for x in unknowns]
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
