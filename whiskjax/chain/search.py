@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec3, unstack
 from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import failure_if
 from .camera import AbstractCamera
-from .imaging import begin, finish, finite, into_camera, take_point
+from .imaging import begin, finish, finite, image, into_camera, take_point
 from .sensor import Sensor
 from .shot import Shot
 
@@ -33,6 +34,11 @@ class ImagePoint(NamedTuple):
 def _miss(sensor: Sensor, shot: Shot, point: Vec3, t: Component) -> Component:
     at = dataclasses.replace(shot, time_s=t)
     return sensor.camera_at(at).miss(into_camera(sensor, at, point))
+
+
+def _offset(t: tuple[Component], sensor: Sensor, shot: Shot, point: Vec3) -> tuple[Component]:
+    """What vanishes at the time of exposure: how far beside the line the point is imaged."""
+    return (image(sensor, dataclasses.replace(shot, time_s=t[0]), point)[1],)
 
 
 def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component) -> tuple[Component, RESULTS]:
@@ -75,10 +81,9 @@ def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, s
         return k + 1, a, t, fa, ft, before
 
     _, _, t, _, last, _ = jax.lax.while_loop(searching, step, (0, a, b, fa, fb, jnp.abs(fb)))
-    t = jax.lax.stop_gradient(t)
-    value, rate = jax.jvp(lambda t: _miss(sensor, shot, point, t), (t,), (jnp.ones_like(t),))
-    rate = jax.lax.stop_gradient(jnp.where(rate == 0, 1.0, rate))
-    t = t - jnp.where(crossed, value / rate, 0.0)
+    value, rate = jax.jvp(miss, (t,), (jnp.ones_like(t),))
+    t = t - jnp.where(crossed, value / jnp.where(rate == 0, 1.0, rate), 0.0)
+    (t,) = implicit(_offset, (t,), sensor, shot, point)
     lost = failure_if(~(jnp.abs(last) <= _CLOSE), RESULTS.not_converged)
     return t, first_failure(failure_if(~crossed, RESULTS.outside_swath), lost)
 
