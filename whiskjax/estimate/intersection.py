@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..algebra.symmetric import solve3
 from ..algebra.vectors import Vec2, Vec3, mul, stack, total, unstack, vadd, vsub
 from ..chain.bake import bake
+from ..chain.extremes import refuse_extremes
 from ..chain.imaging import finite, sight
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
@@ -18,6 +19,7 @@ from ..chain.sweep import sweep
 from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures, require_x64
 from ..rules.results import choose, failure_if, is_successful
 from ..rules.sizes import filled, rounded
+from ..rules.spread import refuse_sigmas
 
 _STEPS = 5
 _PARALLEL = 1e-10
@@ -62,6 +64,7 @@ def intersect(
     **Raises:** `SensorError`; `WhiskjaxError` for indices with holes.
     """
     require_x64("intersect")
+    refuse_extremes(sensor, "intersect")
     index = np.asarray(point_index)
     pixel = jnp.asarray(pixel_px, dtype=jnp.float64)
     if index.shape != pixel.shape[:1] or pixel.shape[1:] != (2,):
@@ -76,6 +79,8 @@ def intersect(
     sigma = jnp.asarray(sigma_px, dtype=jnp.float64)
     if not is_traced(sigma) and not bool((sigma > 0).all()):
         raise WhiskjaxError("intersect: sigma_px must be positive")
+    if not is_traced(sigma):
+        refuse_sigmas(np.atleast_1d(np.asarray(sigma)), lambda _: "intersect: a sigma_px")
     sigma = jnp.broadcast_to(sigma, pixel.shape)
     rays, whose, size = _filled(index, points)
     shots = jax.tree.map(lambda a: jnp.broadcast_to(a, index.shape)[rays], shot)

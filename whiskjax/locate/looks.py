@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..chain.shot import Shot
 from ..rules import WhiskjaxError, is_traced, require_x64
+from ..rules.spread import refuse_sigmas, refuse_sizes
 
 
 def _pixels(value: Any) -> Any:
@@ -47,6 +48,11 @@ class Looks(eqx.Module):
             raise WhiskjaxError(f"looks: the pixel of look {int(np.argwhere(np.isinf(np.asarray(pixel)))[0, 0])} is infinite")
         if not is_traced(sigma) and not (np.asarray(sigma) > 0).all():
             raise WhiskjaxError("looks: sigma_px must be positive")
+        if not is_traced(pixel):
+            refuse_sizes(np.asarray(pixel), lambda i: f"looks: the pixel of look {i}")
+        if not is_traced(sigma):
+            each = sigma.ndim == 2
+            refuse_sigmas(np.atleast_2d(np.asarray(sigma)), lambda i: f"looks: sigma_px{f' of look {i}' if each else ''}")
         if time is not None and not is_traced(time):
             _check_order(np.asarray(time))
 

@@ -11,6 +11,7 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
 from ...rules import WhiskjaxError
+from ...rules.spread import LEAST_SIGMA, MOST_SIGMA, refuse_sigmas
 
 AXES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 
@@ -46,6 +47,12 @@ class PosErrors:
             given = getattr(self, name)
             if given is not None and not (len(given) == 3 and all(math.isfinite(c) and c > 0 for c in given)):
                 raise WhiskjaxError(f"PosErrors: {name} is three positive times in seconds or None, not {given}")
+        refuse_sigmas(self.sigma, lambda i: f"PosErrors: the sigma of {AXES[i]}", zero=True)
+        for axis, c in zip(AXES, self.correlation_s, strict=True):
+            if c is not None and not LEAST_SIGMA < c < MOST_SIGMA:
+                raise WhiskjaxError(
+                    f"PosErrors: the correlation time of {axis} is {c:g} s: None is white noise, and a constant is an unknown"
+                )
         if not self.sigma.any():
             raise WhiskjaxError("PosErrors: all sigmas are zero, so the trajectory would not change: leave pos_errors out")
 
