@@ -150,6 +150,23 @@ def test_bad_input_ends_in_one_and_leaves_nothing(whiskjax, flight, tmp_path):
     assert names(tmp_path) == {"edited"}
 
 
+@pytest.mark.parametrize(
+    ("file", "column", "value"),
+    [
+        ("observations.csv", "sigma_line_px", "1e200"),
+        ("observations.csv", "sigma_sample_px", "1e-200"),
+        ("points.csv", "sigma_u_m", "1e200"),
+    ],
+)
+def test_a_sigma_of_no_size_ends_in_one(whiskjax, flight, tmp_path, file, column, value):
+    def spoil(rows):
+        rows[3][rows[0].index(column)] = value
+
+    result = whiskjax("calibrate", edited(flight, tmp_path, file, spoil), "--out", tmp_path / "out")
+    assert result.exit_code == 1 and result.stderr.startswith("whiskjax: error: ") and "sigma" in result.stderr
+    assert "Traceback" not in result.stderr and names(tmp_path) == {"edited"}
+
+
 def test_a_folder_that_is_no_flight(whiskjax, tmp_path):
     result = whiskjax("calibrate", tmp_path / "nowhere", "--out", tmp_path / "out")
     assert result.exit_code == 1 and "nowhere" in result.stderr

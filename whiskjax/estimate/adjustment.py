@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import Vec2
+from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.sweep import sweep
@@ -103,6 +104,7 @@ def prepare(
 
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
+    refuse_extremes(sensor, "calibrate")
     problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
     baked, linked = _bake(problem, jnp.asarray(start))
     before, follows, seen = _begin(baked, jnp.asarray(start))

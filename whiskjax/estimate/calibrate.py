@@ -143,10 +143,13 @@ def calibrate(
     ready = prepare(sensor, observations, unknowns, loss)
     refuse(ready.unseen, observations)
     u, steps, result = solve(ready, control, max_steps)
+    if not np.isfinite(u).all():  # the result says so; what is told is told of the start
+        u = ready.start
     here = linearise(ready, u)
     for _ in range(_POLISH if loss is not None else 1):
         here = settle(ready, here, _share(here, control, loss), 1 if loss is not None else _POLISH, _NEAR)
-    ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh)
+    converged = bool(is_successful(result))
+    ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh if converged else None)
     observations = ready.observations
 
     share = _share(here, used, loss)

@@ -6,6 +6,7 @@ from jaxtyping import Float
 from ..estimate.block.block import ROLES
 from ..flights.flight import Image, Measurements, Points
 from ..rules import FlightError
+from ..rules.spread import LEAST_SIGMA, MOST_SIGMA
 from .images import LINES
 from .names import listed, meant
 from .navigation import position_columns, positions
@@ -27,7 +28,9 @@ def points_of(source: Source) -> tuple[Points, Table]:
         Column("point", text=True),
         *position_columns(sheet, source.toml.world.kind, blank=True),
         *(
-            Column(name, required=False, low=0.0, hint="a sigma is not negative; 0 means that the point is exact")
+            Column(
+                name, required=False, low=0.0, high=MOST_SIGMA, hint="a sigma is not negative; 0 means that the point is exact"
+            )
             for name in SIGMAS
         ),
         Column("role", choices=ROLES),
@@ -65,7 +68,7 @@ def measurements_of(source: Source, images: list[Image], points: Table) -> tuple
         *(Column(name, text=True) for name in ("image", "point")),
         *(Column(name) for name in ("line", "sample")),
         *(
-            Column(name, positive=True, hint="every measurement has a 1-sigma in pixels")
+            Column(name, positive=True, low=LEAST_SIGMA, high=MOST_SIGMA, hint="every measurement has a 1-sigma in pixels")
             for name in ("sigma_line_px", "sigma_sample_px")
         ),
     ]

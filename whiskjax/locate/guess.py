@@ -10,6 +10,7 @@ from ..chain.imaging import image_to_ground
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, need_surface
 from ..rules import Arrays, WhiskjaxError, is_traced, need, raise_failures, require_x64
+from ..rules.spread import refuse_covariances
 from .looks import Looks
 
 # Horizontal sigmas in degrees beside a height in metres (paper 003, equation 19) differ by 1e5; no target is known so well.
@@ -53,6 +54,7 @@ def _check_covariance(covariance: Float[np.ndarray, "3 3"]) -> None:
     least = float(np.linalg.eigvalsh(covariance)[0])
     if not least > 0:
         raise WhiskjaxError(f"guess: the covariance must be positive definite, but its least eigenvalue is {least:g} m^2")
+    refuse_covariances(covariance[None], lambda _: "guess: covariance_enu_m2")
     east, north, up = np.sqrt(np.diag(covariance))
     if max(east, north) < _LIKE_DEGREES * up:
         raise WhiskjaxError(

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..algebra.vectors import stack, unstack, vadd
+from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
@@ -92,6 +93,7 @@ def locate(
         need_unknowns("locate", "consider", consider)
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
+    refuse_extremes(sensor, "locate")
     for frame in noise:
         frame.check(sensor)
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:

@@ -7,6 +7,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..chain.shot import Shot
 from ..rules import Arrays, WhiskjaxError, is_traced, need, require_x64
+from ..rules.spread import refuse_sigmas, refuse_sizes
 
 
 class Looks(eqx.Module):
@@ -36,13 +37,18 @@ class Looks(eqx.Module):
         shot.fit(arrays, "looks")
 
     def __check_init__(self):
-        pixel, time = self.pixel_px, self.shot.time_s
+        pixel, sigma, time = self.pixel_px, self.sigma_px, self.shot.time_s
         if len(pixel) == 0:
             raise WhiskjaxError("looks: there is none; one look gives a line, two from different places a point")
         if time is not None:
             Arrays("Looks").fit("shot.time_s", time.shape, str(len(pixel)))
         if not is_traced(pixel) and np.isinf(np.asarray(pixel)).any():
             raise WhiskjaxError(f"looks: the pixel of look {int(np.argwhere(np.isinf(np.asarray(pixel)))[0, 0])} is infinite")
+        if not is_traced(pixel):
+            refuse_sizes(np.asarray(pixel), lambda i: f"looks: the pixel of look {i}")
+        if not is_traced(sigma):
+            each = sigma.ndim == 2
+            refuse_sigmas(np.atleast_2d(np.asarray(sigma)), lambda i: f"looks: sigma_px{f' of look {i}' if each else ''}")
         if time is not None and not is_traced(time):
             _check_order(np.asarray(time))
 

@@ -13,6 +13,7 @@ from ..chain.sensor import Sensor
 from ..chain.sweep import Sweep
 from ..chain.turn import as_parameter
 from ..rules import Arrays, WhiskjaxError, is_traced, need
+from ..rules.spread import refuse_sigmas
 
 
 def _sigmas(arrays: Arrays, name: str, values: Any, within_rad: float | None = None) -> Vec3:
@@ -54,9 +55,13 @@ class FrameNoise(eqx.Module):
         self.shift_sigma_m = _sigmas(arrays, "shift_sigma_m", shift_sigma_m)
 
     def check(self, sensor: Sensor) -> None:
-        """**Raises:** `WhiskjaxError` where the sensor has no such frame."""
+        """**Raises:** `WhiskjaxError` where the sensor has no such frame, or a sigma is none that anything can be weighed by."""
         if self.frame not in sensor.names:
             raise WhiskjaxError(f"no frame named {self.frame!r}; there are {', '.join(sensor.names)}")
+        for kind, sigmas in (("turn_sigma_rad", self.turn_sigma_rad), ("shift_sigma_m", self.shift_sigma_m)):
+            for sigma in sigmas:
+                if not is_traced(sigma):
+                    refuse_sigmas(np.atleast_1d(sigma), lambda _, kind=kind: f"noise of {self.frame}: {kind}", zero=True)
 
 
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))

@@ -10,6 +10,7 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
+from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ...rules.results import codes_of, message_of
@@ -85,6 +86,7 @@ def adjust(
     need("adjust", "reweigh", reweigh, bool, "True; groups as of Reweigh() are for calibrate")
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
+    refuse_extremes(sensor, "adjust")
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
     if start_m is None:
@@ -121,7 +123,7 @@ def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_e
     given, lonely = prepared.block, seen_once(prepared.block)[prepared.block.point]
     block = at_crossing(ready.unknowns.put(ready.sensor, state.x, state.u), given, point)
     if lonely.any():  # a ray whose point has no place stays as it was measured
-        time_s = np.where(lonely, given.key("time_s"), block.key("time_s"))
+        time_s = np.where(lonely, np.asarray(given.key("time_s")), np.asarray(block.key("time_s")))
         pixel_px = np.where(lonely[:, None], given.pixel_px, block.pixel_px)
         block = dataclasses.replace(block, shot=dataclasses.replace(block.shots(), time_s=time_s), pixel_px=pixel_px)
     again = prepare(ready.sensor, block, unknowns, pos_errors, point, prepared.plan)

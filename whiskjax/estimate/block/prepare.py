@@ -16,7 +16,7 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...rules import WhiskjaxError
 from ...rules.sizes import rounded
-from ..unknown import Unknown, admit, start_of
+from ..unknown import Unknown, admit, start_of, whitened
 from .block import Block
 from .connect import seen_once
 from .plan import Plan, plan
@@ -127,8 +127,7 @@ def prepare(
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
     laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
     start = np.array([start_of(sensor, x) for x in unknowns])
-    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
-    scale = np.array([x.size for x in unknowns])
+    mean, scale, u = whitened(unknowns, start)
     numbers = Unknowns(
         jnp.asarray(mean),
         jnp.asarray(scale),
@@ -144,7 +143,7 @@ def prepare(
     points = _components(start_m[_whose(block, laid)], tiles)
     has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
     ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
-    state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray((start - mean) / scale), points)
+    state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray(u), points)
     prepared = Prepared(ready, state, laid, block)
     return prepared.weighted(1 / block.sigma_px, state) if lonely.any() else prepared
 

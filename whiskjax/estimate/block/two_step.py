@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from ...chain.address import put, read
 from ...chain.correction import AbstractUniform, Correction
+from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
@@ -93,6 +94,7 @@ def two_step(
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
         raise WhiskjaxError(f"two_step: {', '.join(lost) or 'no mount'} is not among the unknowns {', '.join(names)}")
+    refuse_extremes(sensor, "two_step")
     refuse_unrecorded(sensor, block)
     if not pos_errors.observed:
         raise WhiskjaxError(

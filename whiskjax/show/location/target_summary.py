@@ -238,8 +238,9 @@ def _verdict(sighting: Sighting, data: Summary) -> Summary:
         cautions.append(f"{looks['gated']} of {looks['looks']} looks did not pass the gate and were left out")
     if looks["missed"] + looks["left_out"]:
         cautions.append(f"{looks['missed'] + looks['left_out']} of {looks['looks']} looks could not be used")
-    contradicted = truth is not None and truth["tail_probability"] <= UNLIKELY
-    if contradicted:
+    contradicted = False
+    if truth is not None and truth["tail_probability"] <= UNLIKELY:
+        contradicted = True
         reasons.append(
             f"the given position lies {truth['error_m']:.3g} m off, more than the covariance explains (NEES {truth['nees']:.3g} "
             f"of 3 expected; probability by chance: {probability(truth['tail_probability'])})"
