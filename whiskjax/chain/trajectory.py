@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, Arrays, first_failure, require_x64
+from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, require_x64
 from ..rules.results import choose
 from .attitudes import Slerp, TurnSpline
 from .camera import parameter

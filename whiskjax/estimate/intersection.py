@@ -16,7 +16,7 @@ from ..chain.imaging import begin, finite, sight
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.sweep import sweep
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
+from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures
 from ..rules.results import choose, failure_if, is_successful
 from ..rules.sizes import filled, rounded
 from ..rules.spread import refuse_sigmas
