@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import SMALL_RAD, sincos, sincos_of_small
-from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
+from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, norm, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
 from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
 from ..rules.results import choose
 from .knots import Knots, take
-from .link import AbstractLink
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
 from .rotations import (
     Quaternion,
@@ -153,6 +153,16 @@ class Trajectory(AbstractLink):
             a + far * (b - a) + near_slope * va + far_slope * vb
             for a, b, va, vb in zip(before, after, leave, arrive, strict=True)
         )
+
+    def moves(self, shot: Shot) -> Moves:
+        """Between the POS samples; the angle between unit quaternions follows from their distance, 2 sin(angle / 4)."""
+        spacing = jnp.diff(self.knots.time_s)
+        turn = 4 * jnp.arcsin(jnp.minimum(norm(tuple(map(jnp.diff, self.quaternion))) / 2, 1.0))
+        way = norm(tuple(map(jnp.diff, self.position_m)))
+        recorded = [Recorded(self.knots, self.delay_s)]
+        if not is_structural(self.attitude_delay_s, 0):
+            recorded.append(Recorded(self.knots, add(self.delay_s, self.attitude_delay_s)))
+        return Moves(tuple(recorded), jnp.max(turn / spacing), jnp.max(way / spacing))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the POS was recorded at the shot's time."""
