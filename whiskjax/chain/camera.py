@@ -75,6 +75,10 @@ class AbstractCamera(eqx.Module):
         """Whether the pixel lies on the detector, where its size is known."""
 
     @abc.abstractmethod
+    def ends(self) -> tuple[Component, Component] | None:
+        """First and last sample of a detector line, where they are known."""
+
+    @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
         """For line cameras: a signed measure of how far a direction lies beside the line, monotone over half a turn.
 
@@ -269,6 +273,9 @@ class FrameCamera(AbstractCamera):
         wide, high = self.size_px[..., 0], self.size_px[..., 1]
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
+
+    def ends(self) -> None:
+        """A frame camera has no line."""
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

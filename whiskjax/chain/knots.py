@@ -102,6 +102,11 @@ class Knots(eqx.Module):
         length = take(self.time_s, i + 1) - start
         return i, (t - start) / length, length
 
+    def next_after(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The first sample time later than each time; infinite where the record has ended."""
+        following = take(self.time_s, self._interval(t) + 1)
+        return jnp.where(t < self.time_s[0], self.time_s[0], jnp.where(following > t, following, jnp.inf))
+
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""
         i, w, _ = self.locate(t)

@@ -154,6 +154,10 @@ class LineCamera(AbstractCamera):
             return True
         return (pixel[0] >= self.samples_px[..., 0] - 0.5) & (pixel[0] <= self.samples_px[..., 1] + 0.5)
 
+    def ends(self) -> tuple[Component, Component] | None:
+        """As given."""
+        return None if self.samples_px is None else (self.samples_px[..., 0], self.samples_px[..., 1])
+
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
         a, c = self._axes(q)
@@ -269,6 +273,10 @@ class LookTable(AbstractCamera):
     def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
         """Between the first and the last look."""
         return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
+
+    def ends(self) -> tuple[Component, Component]:
+        """The first and the last look."""
+        return self.sample_px[0], self.sample_px[-1]
 
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of its segment."""

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
+from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, norm, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
 from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, require_x64
@@ -13,7 +13,7 @@ from ..rules.results import choose
 from .attitudes import Slerp, TurnSpline
 from .camera import parameter
 from .knots import Knots, take
-from .link import AbstractLink
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
 from .possible import ImpossibleMotion, refuse_impossible_motion
 from .rotations import (
@@ -165,6 +165,16 @@ class Trajectory(AbstractLink):
             return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))
         leave, arrive = (tuple(length * take(v, i + k) for v in self.velocity_mps) for k in (0, 1))
         return tuple(hermite(w, *ends) for ends in zip(before, after, leave, arrive, strict=True))
+
+    def moves(self, shot: Shot) -> Moves:
+        """Between the POS samples; the angle between unit quaternions follows from their distance, 2 sin(angle / 4)."""
+        spacing = jnp.diff(self.knots.time_s)
+        turn = 4 * jnp.arcsin(jnp.minimum(norm(tuple(map(jnp.diff, self.quaternion))) / 2, 1.0))
+        way = norm(tuple(map(jnp.diff, self.position_m)))
+        recorded = [Recorded(self.knots, self.delay_s)]
+        if not is_structural(self.attitude_delay_s, 0):
+            recorded.append(Recorded(self.knots, add(self.delay_s, self.attitude_delay_s)))
+        return Moves(tuple(recorded), jnp.max(turn / spacing), jnp.max(way / spacing))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the POS was recorded at the shot's time."""

@@ -5,17 +5,20 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..algebra.angles import ELEMENTARY, Angle
 from ..algebra.vectors import Component, add, is_structural, mul
 from ..rules import RESULTS, Arrays, WhiskjaxError, need
 from .knots import Knots, take
-from .link import AbstractLink
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
 from .shot import Shot
 from .spline import Interpolation, check_interpolation, hermite, spline_slopes
 from .wraps import check_wraps, unwrapped
+
+# Beside its neighbours: a flyback that no sample fell into.
+_MUCH_FASTER = 4.0
 
 
 def as_parameter(value: Any) -> Any:
@@ -101,9 +104,21 @@ class Encoder(eqx.Module):
             return before + w * (after - before)
         return hermite(w, before, after, length * take(self.rate_rps, i), length * take(self.rate_rps, i + 1))
 
+    def rates(self) -> Float[Array, " n-1"]:
+        """How fast the angle changes from each sample to the next, radians per second."""
+        return jnp.diff(self.angle_rad) / jnp.diff(self.knots.time_s)
+
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether the encoder was recorded at each time."""
         return self.knots.check(t)
+
+
+def _leaps(rate: Float[Array, " n-1"]) -> Bool[Array, " n-1"]:
+    """Where a mirror goes back between two samples, as far as it came in many: against both neighbours, and much faster."""
+    before, here, after = rate[:-2], rate[1:-1], rate[2:]
+    against = (here * before < 0) & (here * after < 0)
+    faster = jnp.abs(here) > _MUCH_FASTER * jnp.maximum(jnp.abs(before), jnp.abs(after))
+    return jnp.zeros(rate.shape, dtype=bool).at[1:-1].set(against & faster)
 
 
 class Readings(eqx.Module):
@@ -159,6 +174,13 @@ class Turn(AbstractLink):
         time: Any = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
         angle = self.encoder.at(time)
         return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
+
+    def moves(self, shot: Shot) -> Moves:
+        """Between the readings of the encoder."""
+        if isinstance(self.encoder, Readings):
+            return Moves()
+        rate = self.encoder.rates()
+        return Moves((Recorded(self.encoder.knots, self.delay_s, _leaps(rate)),), jnp.max(jnp.abs(rate)))
 
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""
