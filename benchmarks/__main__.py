@@ -9,6 +9,7 @@ import sys  # noqa: E402
 
 from . import (  # noqa: E402, F401  (each registers its benchmarks)
     batch,
+    blunders,
     calibration,
     geodesy,
     imaging,

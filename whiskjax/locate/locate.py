@@ -17,6 +17,7 @@ from ..earth.surface import AbstractSurface, HeightSurface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, is_traced
+from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
 from .filter import Step, run
@@ -96,6 +97,8 @@ def locate(
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
     sensor, nuisance = gather(sensor, estimate, consider)
+    if not is_traced(looks.pixel_px):
+        tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
     answer = _solve(Problem(sensor, looks, guess, surface, tuple(noise), nuisance, motion), method, nis)
     if throw:
