@@ -10,6 +10,7 @@ from pathlib import Path  # noqa: E402
 
 from . import (  # noqa: E402, F401  (each registers its benchmarks)
     batch,
+    blunders,
     calibration,
     geodesy,
     imaging,

@@ -21,6 +21,7 @@ from jaxtyping import Array, Float, Int
 from ..algebra.vectors import Vec2
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if
 from .adjustment import Ready, impossible, pixels, prepare, refuse
 from .least_squares import descend
@@ -272,6 +273,7 @@ def _gather(
         for share, problem, start, common in shares:
             job = pool.submit(_finished, problem, start, steps, chunk, common)
             done.append((share, job))
+            tell(f"batch: share {len(done)} of up to {_SHARE} runs")
             if len(done) == 1:
                 job.result()  # compiles; the others find it compiled
             elif len(done) > 2 * cores:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
 from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
@@ -140,8 +141,12 @@ def calibrate(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
     admit(sensor, [*unknowns, *consider])  # a number is either estimated or considered
+    tell(
+        f"calibrate: {len(unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time compiled)"
+    )
     ready = prepare(sensor, observations, unknowns, loss)
     refuse(ready.unseen, observations)
+    tell("calibrate: solved (the first time compiled)")
     u, steps, result = solve(ready, control, max_steps)
     if not np.isfinite(u).all():  # the result says so; what is told is told of the start
         u = ready.start
@@ -225,7 +230,8 @@ def _cleanse(
     if reweigh is None or np.linalg.matrix_rank(rows) < len(unknowns):  # what nothing determines has no weights either
         return ready, here, used, unknowns, None
     grouping = group(reweigh, ready.observations, unknowns)
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"weights: round {i + 1}")
         last, found = found, components(grouping, reweigh.spread, given, here, used)
         observed, prior = weighing(grouping, found)
         ready = given.reweighed(observed, prior)

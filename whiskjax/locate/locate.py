@@ -17,6 +17,7 @@ from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, need_unknowns
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, is_traced, need
+from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
 from .filter import Step, run
@@ -109,6 +110,8 @@ def locate(
         take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
     sensor, nuisance = gather(sensor, estimate, consider)
+    if not is_traced(looks.pixel_px):
+        tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
     answer = _solve(Problem(sensor, looks, guess, surface, tuple(noise), nuisance, motion), method, nis)
     if throw:

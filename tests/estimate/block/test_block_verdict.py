@@ -98,3 +98,13 @@ def test_a_mirrored_block_is_no_answer(axis):
     assert found.warnings[0].startswith("where the adjustment ended, ray 0, image im0, point P0: ")
     right = wj.adjust(sensor, block, pos_errors=FREE)
     assert right.is_sound and (np.asarray(right.sensor["photo"].pose(wj.Shot(image=np.arange(6))).translation[2]) > 0).all()
+
+
+def test_an_adjustment_is_not_silent():
+    sensor, block = checked_frames(0)
+    said = []
+    with wj.telling(said.append):
+        wj.adjust(sensor, block, pos_errors=POS, blunders=wj.Blunders(), reweigh=True)
+    assert said[0] == f"adjust: {len(block)} rays of {POINTS} points"
+    for beginning in ("adjust: step 1, sum of squares ", "wrong rays: round 1, 0 of 144 rays", "weights: round 1"):
+        assert any(one.startswith(beginning) for one in said)

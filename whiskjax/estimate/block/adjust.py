@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
@@ -89,6 +90,7 @@ def adjust(
     refuse_extremes(sensor, "adjust")
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
+    tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
     start_m = np.asarray(Arrays("adjust").take("start_m", start_m, f"{len(block.role)} 3", absolute=True))
@@ -149,6 +151,7 @@ def report(
     if throw and int(codes_of(result)) != 0:
         raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
     state = solved.state
+    tell("adjust: residuals and covariances (the first time compiled)")
     residual, codes, point, covariance = _evaluated(prepared, state, inverse)
     codes = np.where(used, codes, 0)
     impossible = _impossible(block, codes)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ...algebra.vectors import Vec3
 from ...rules import RESULTS
+from ...rules.progress import tell
 from .normal import accumulate
 from .prepare import Ready, State
 
@@ -78,6 +79,7 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
 
     A step that raises the cost is taken back and damped (Levenberg). **Arguments:** `max_steps`: that are tried, taken or not.
     """
+    tell("adjust: first equations (the first time compiled)")
     reduced, points = reduce(ready, state)
     damping, tried, steps, last = 0.0, 0, 0, np.inf
     while tried < max_steps:
@@ -94,6 +96,7 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
         moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
         there, relaxed = reduce(ready, moved)
         tried += 1
+        tell(f"adjust: step {tried}, sum of squares {float(there.cost):.6g}")
         climbs = not float(there.cost) <= cost * (1 + _SAME_COST)
         if climbs and decrement > max(_ROUNDING, _SAME_COST * cost):
             damping = max(10 * damping, _FIRST_DAMPING)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...rules.progress import tell
 from ..variance_components import Components
 from .covariance import evaluate
 from .prepare import Prepared, State
@@ -36,7 +37,8 @@ def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray, max_steps: int
     block, log_factor = prepared.block, np.zeros(4)
     marked = block.role[block.point] != "tie"
     given = prepared
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"weights: round {i + 1}")
         squares, redundancy, count = _groups(prepared, solved, used, marked)
         speaks = redundancy > 0.5
         step = np.where(speaks, 0.5 * np.log(np.maximum(squares, 1e-300) / np.where(speaks, redundancy, 1.0)), 0.0)

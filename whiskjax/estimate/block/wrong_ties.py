@@ -19,6 +19,7 @@ from ...algebra.vectors import unstack
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.sweep import sweep
+from ...rules.progress import tell
 from ..blunders import Blunders
 from .block import Block
 from .connect import seen_once
@@ -36,7 +37,8 @@ def snoop(
     """The solution without wrong rays, and which rays it uses. **Arguments:** `used`: the rays of the solution so far."""
     block, lonely = prepared.block, seen_once(prepared.block)
     seen: list[np.ndarray] = []
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"wrong rays: round {i + 1}, {int((~used).sum())} of {len(used)} rays left out")
         judged = _judge(prepared, solved.state)
         kept = _kept(judged, block, rule) & ~lonely[block.point]
         seen.append(used)
