@@ -187,7 +187,8 @@ def at_random(parent, kills, seed):
         while count["kills"] % 5 and mark[0] == OUTSIDE:
             if os.waitpid(child, os.WNOHANG)[0]:
                 sys.exit("a run failed before it was killed")
-        time.sleep(chance.uniform(0.0, 0.001))
+        if chance.random() < 0.6:
+            time.sleep(chance.uniform(0.0, 0.001))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         count["kills"] += 1
@@ -243,7 +244,7 @@ def main():
         "at lines, two renames": at_lines(place("renames"), options.every, False),
         "at random": at_random(place("random"), options.kills, options.seed),
         "pairs": pairs(place("pairs"), options.pairs, True),
-        "pairs, two renames": pairs(place("pairs-renames"), options.pairs, False),
+        "pairs, two renames": pairs(place("pairs-renames"), options.pairs // 4, False),
     }
     print(json.dumps(found, indent=1))
 

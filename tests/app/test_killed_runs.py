@@ -12,8 +12,8 @@ PROGRAM = Path(__file__).with_name("killed_runs.py")
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """The counts of the program; about 50 kills at lines of either way, 100 at random moments, 100 pairs of either way."""
-    words = [sys.executable, PROGRAM, tmp_path_factory.mktemp("killed"), "--every", "61", "--kills", "100", "--pairs", "100"]
+    """The counts of the program; about 35 kills at lines of either way, 100 at random moments, 100 pairs and 25."""
+    words = [sys.executable, PROGRAM, tmp_path_factory.mktemp("killed"), "--every", "91", "--kills", "100", "--pairs", "100"]
     result = subprocess.run([str(word) for word in words], capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
@@ -22,7 +22,7 @@ def found(tmp_path_factory):
 @pytest.mark.parametrize("how", ["at lines", "at lines, two renames"])
 def test_killed_at_a_line_of_the_swap(found, how):
     count = found[how]
-    assert count["kills"] == count["inside"] >= 40
+    assert count["kills"] == count["inside"] >= 25
     assert count["neither"] == 0 and count["old"] > 0 and count["new"] > 0
     # The next run ends whole and leaves nothing beside its results.
     assert count["not_mended"] == count["left_over"] == 0
@@ -41,9 +41,9 @@ def test_killed_at_random_moments(found):
     assert count["neither"] == count["missing"] == count["left_over"] == 0
 
 
-@pytest.mark.parametrize("how", ["pairs", "pairs, two renames"])
-def test_two_runs_at_once(found, how):
+@pytest.mark.parametrize(("how", "pairs"), [("pairs", 100), ("pairs, two renames", 25)])
+def test_two_runs_at_once(found, how, pairs):
     """Both end, and the folder is that of one of them."""
     count = found[how]
-    assert count["pairs"] == 100 and count["failed"] == 0
+    assert count["pairs"] == pairs and count["failed"] == 0
     assert count["neither"] == count["missing"] == count["left_over"] == 0

@@ -125,7 +125,7 @@ def _standard(profile: str | None, terrain: str | None, command: Callable[[str |
         if not Path(profile).is_file():
             raise FlightError(f"--profile {profile!r}: no such file; give a map scale, as 1000, or a TOML file of limits")
         return read_standard(Path(profile))
-    scales, terrains = (list(dict.fromkeys(key[k] for key in PROFILE.limits)) for k in (0, 1))
+    scales, terrains = (list(dict.fromkeys(of)) for of in zip(*PROFILE.limits, strict=True))
     if int(profile) not in scales:
         known = ", ".join(map(str, scales))
         raise FlightError(f"--profile {profile}: {PROFILE.name}, has 1 to {known}; give one of them, or a TOML file of limits")

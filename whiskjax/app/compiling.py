@@ -18,7 +18,7 @@ class Compiling:
         self.is_now = False
         self._changed = changed
 
-    def _hear(self, event: str, duration_s: float, **_: object) -> None:
+    def _hear(self, event: str, duration_secs: float, **_: object) -> None:
         if event in (_LOWERED, _COMPILED):
             self.is_now = event == _LOWERED
             self._changed()

@@ -1,7 +1,7 @@
 """Names are text that people read, in files, terminals, pages and maps: what none of these can hold is refused at the door."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from ..flights.flight import Flight
 from ..rules import FlightError
@@ -33,7 +33,7 @@ def has_odd(text: str) -> bool:
     return _ODD.search(text) is not None
 
 
-def _check(file: str, names: dict[str, Iterable[str]]) -> None:
+def _check(file: str, names: Mapping[str, Iterable[str]]) -> None:
     for kind, these in names.items():
         for name in these:
             if found := _ODD.search(name):
