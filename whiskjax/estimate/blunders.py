@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool
 
-from ..rules import WhiskjaxError
+from ..rules import Arrays, WhiskjaxError
 from .adjustment import Here, Ready, linearise, settle
 from .reliability import squared_residuals, whitened_covariance
 
@@ -33,6 +33,8 @@ class Blunders:
     most: float = 0.35
 
     def __post_init__(self):
+        for name in ("level", "most"):
+            Arrays("Blunders").take(name, getattr(self, name), "")
         if not 0 < self.level < 0.5 or not 0 < self.most < 0.5:
             raise WhiskjaxError(f"Blunders: level and most lie between 0 and 0.5, not {self.level} and {self.most}")
 

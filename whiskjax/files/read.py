@@ -10,6 +10,7 @@ from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
 from .noise import noise_from_toml
+from .plain_names import check_names
 from .pos_errors import pos_errors_from_toml
 from .unknowns import unknowns_from_toml
 
@@ -55,5 +56,6 @@ def read_flight(folder: str | Path) -> Flight:
         reference_point=toml.pos.reference_point,
         notes="\n".join([*([toml.notes] if toml.notes else []), *source.left_out]),
     )
+    check_names(flight)
     check_flight(flight, lambda i: f"{table.place(i)} (image {table['image'][i]}, point {table['point'][i]})")
     return flight

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..rules import FlightError
-from .tables import Column, Sheet, Table, open_sheet
+from .sheet import Sheet, open_sheet
+from .tables import Column, Table
 
 if TYPE_CHECKING:
     from .schema import FlightTable
