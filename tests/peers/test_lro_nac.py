@@ -17,8 +17,7 @@ from tests.peers.strangers import CubicLine, Sphere
 from tests.real.sets import Rows
 
 PEER = "usgscsm, LRO NAC"
-# Not the first and the last line: they are exposed as the attitudes begin and end, and nothing may be searched beyond.
-LINES, SAMPLES = np.linspace(1.5, 8190.5, 41), np.linspace(0.5, 2531.5, 52)
+LINES, SAMPLES = np.linspace(0.5, 8191.5, 41), np.linspace(0.5, 2531.5, 52)
 
 
 @functools.cache
