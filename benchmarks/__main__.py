@@ -12,6 +12,7 @@ from . import (  # noqa: E402, F401  (each registers its benchmarks)
     batch,
     blunders,
     calibration,
+    files,
     geodesy,
     imaging,
     location,

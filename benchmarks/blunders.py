@@ -38,7 +38,12 @@ def many_points() -> tuple[wj.Observations, np.ndarray]:
     return wj.Observations(shot, point, pixel, np.full_like(pixel, SIGMA_PX), is_control, images=images), wrong
 
 
-@benchmark("blunders.5000", peer="calibrate without blunders", asked=10.0)
+@benchmark(
+    "blunders.5000",
+    what="a calibration of 5,000 points with `Blunders()` over one without",
+    peer="calibrate without blunders",
+    asked=10.0,
+)
 def of_five_thousand_points() -> Measured:
     flight, (seen, wrong) = recorded(), many_points()
     right = dataclasses.replace(seen, is_control=seen.is_control & ~np.isin(np.arange(POINTS), wrong))
