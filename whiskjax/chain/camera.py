@@ -11,11 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
-from ..rules import RESULTS, Arrays, WhiskjaxError
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError
 from ..rules.results import choose, failure_if
 from .shot import Shot
 
@@ -146,10 +146,10 @@ class FrameCamera(AbstractCamera):
 
     def __init__(
         self,
-        focal_px: Float[ArrayLike, "..."],
-        principal_point_px: Float[ArrayLike, "*batch 2"],
-        distortion: Float[ArrayLike, "*batch 5"] | None = None,
-        size_px: Float[ArrayLike, "*batch 2"] | None = None,
+        focal_px: Float[Numbers, "..."],
+        principal_point_px: Float[Numbers, "*batch 2"],
+        distortion: Float[Numbers, "*batch 5"] | None = None,
+        size_px: Float[Numbers, "*batch 2"] | None = None,
         per_image: bool = False,
     ):
         """**Raises:** `WhiskjaxError` for other shapes than these, a focal length or size that is not positive."""

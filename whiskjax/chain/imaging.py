@@ -12,14 +12,14 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, total, unstack
 from ..earth.ellipsoid import height_and_up
 from ..earth.refraction import Refraction
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import RESULTS, Arrays, first_failure, need, raise_failures, require_x64
+from ..rules import RESULTS, Arrays, Numbers, first_failure, need, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
 from .sensor import Sensor
 from .shot import Shot
@@ -146,13 +146,13 @@ def begin(door: str, sensor: Sensor, shot: Shot) -> Arrays:
     return arrays
 
 
-def take_pixel(arrays: Arrays, pixel_px: Float[ArrayLike, "... 2"]) -> Float[Array, "... 2"]:
+def take_pixel(arrays: Arrays, pixel_px: Float[Numbers, "... 2"]) -> Float[Array, "... 2"]:
     """The pixels of a door."""
     meaning = "sample and line offset, or column and row"
     return jnp.asarray(arrays.take("pixel_px", pixel_px, "... 2", meaning=meaning))
 
 
-def take_point(arrays: Arrays, point_m: Float[ArrayLike, "... 3"]) -> Float[Array, "... 3"]:
+def take_point(arrays: Arrays, point_m: Float[Numbers, "... 3"]) -> Float[Array, "... 3"]:
     """The ground points of a door, in float64 all the way."""
     return jnp.asarray(arrays.take("point_m", point_m, "... 3", absolute=True, meaning="x, y, z of the world frame"))
 
@@ -167,7 +167,7 @@ def _ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]) -> Ray:
     return Ray(finish(origin, result), finish(scale(1 / norm(direction), direction), result), result)
 
 
-def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, throw: bool = True) -> Ray:
+def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], *, throw: bool = True) -> Ray:
     """Line of sight of a pixel as it leaves the camera: refraction bends it only on its way, see `image_to_ground`.
 
     **Arguments:**
@@ -195,7 +195,7 @@ def _project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"]) -> Proj
     return Projection(finish(pixel, result), result)
 
 
-def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, throw: bool = True) -> Projection:
+def project(sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], *, throw: bool = True) -> Projection:
     """Pixel of a ground point at the shot's own time (the collinearity equations: paper 000, equation 9).
 
     For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
@@ -226,7 +226,7 @@ def _image_to_ground(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]
 
 
 def image_to_ground(
-    sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], surface: AbstractSurface, *, throw: bool = True
+    sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], surface: AbstractSurface, *, throw: bool = True
 ) -> GroundPoint:
     """Where on a surface a pixel looks, along the bent ray where the sensor has a refraction.
 

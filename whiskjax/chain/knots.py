@@ -3,9 +3,9 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import RESULTS, Arrays, WhiskjaxError, require_x64
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, require_x64
 from ..rules.results import choose
 from .samples import blocks
 
@@ -33,7 +33,7 @@ class Knots(eqx.Module):
     one: Float[Array, ""]  # a number that the compiler does not know
     steps: int = eqx.field(static=True)
 
-    def __init__(self, time_s: Float[ArrayLike, " n"], max_gap_s: float, what: str):
+    def __init__(self, time_s: Float[Numbers, " n"], max_gap_s: float, what: str):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds, at least two.

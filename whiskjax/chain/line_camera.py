@@ -6,11 +6,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale, unstack
-from ..rules import RESULTS, Arrays, WhiskjaxError, is_traced
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import failure_if
 from .camera import AbstractCamera, common_batch, parameter
 from .shot import Shot
@@ -57,14 +57,14 @@ class LineCamera(AbstractCamera):
 
     def __init__(
         self,
-        focal_px: Float[ArrayLike, "..."],
-        principal_sample_px: Float[ArrayLike, "..."] = 0.0,
-        offset_px: Float[ArrayLike, "..."] = 0.0,
-        along_sign: Float[ArrayLike, "..."] = 1.0,
-        across_sign: Float[ArrayLike, "..."] = 1.0,
-        deformation_px: Float[ArrayLike, "*batch 2 4"] | None = None,
-        half_width_px: Float[ArrayLike, "..."] = 1.0,
-        samples_px: Float[ArrayLike, "*batch 2"] | None = None,
+        focal_px: Float[Numbers, "..."],
+        principal_sample_px: Float[Numbers, "..."] = 0.0,
+        offset_px: Float[Numbers, "..."] = 0.0,
+        along_sign: Float[Numbers, "..."] = 1.0,
+        across_sign: Float[Numbers, "..."] = 1.0,
+        deformation_px: Float[Numbers, "*batch 2 4"] | None = None,
+        half_width_px: Float[Numbers, "..."] = 1.0,
+        samples_px: Float[Numbers, "*batch 2"] | None = None,
         along: str = "x",
     ):
         """**Raises:** `WhiskjaxError` for other shapes than these, lengths that are not positive, signs that are none."""

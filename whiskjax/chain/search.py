@@ -8,11 +8,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec3, norm, total, unstack, vsub
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
+from ..rules import RESULTS, Numbers, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import choose, failure_if
 from .bracket import CLOSE, between, close
 from .camera import AbstractCamera
@@ -144,8 +144,8 @@ def _ground_to_image(
 def ground_to_image(
     sensor: Sensor,
     shot: Shot,
-    point_m: Float[ArrayLike, "... 3"],
-    window_s: tuple[Float[ArrayLike, "..."], Float[ArrayLike, "..."]] | None = None,
+    point_m: Float[Numbers, "... 3"],
+    window_s: tuple[Float[Numbers, "..."], Float[Numbers, "..."]] | None = None,
     *,
     clip: bool = True,
     throw: bool = True,

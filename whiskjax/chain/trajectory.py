@@ -3,12 +3,12 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, norm, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, first_failure, require_x64
 from ..rules.results import choose
 from .attitudes import Slerp, TurnSpline
 from .camera import parameter
@@ -61,12 +61,12 @@ class Trajectory(AbstractLink):
 
     def __init__(
         self,
-        time_s: Float[ArrayLike, " n"],
-        position_m: Float[ArrayLike, "n 3"],
-        quaternion_xyzw: Float[ArrayLike, "n 4"],
+        time_s: Float[Numbers, " n"],
+        position_m: Float[Numbers, "n 3"],
+        quaternion_xyzw: Float[Numbers, "n 4"],
         *,
         max_gap_s: float,
-        velocity_mps: Float[ArrayLike, "n 3"] | None = None,
+        velocity_mps: Float[Numbers, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
         interpolation: Interpolation = "linear",
@@ -116,16 +116,16 @@ class Trajectory(AbstractLink):
     @classmethod
     def from_geodetic(
         cls,
-        time_s: Float[ArrayLike, " n"],
-        lat_rad: Float[ArrayLike, " n"],
-        lon_rad: Float[ArrayLike, " n"],
-        height_m: Float[ArrayLike, " n"],
-        roll_rad: Float[ArrayLike, " n"],
-        pitch_rad: Float[ArrayLike, " n"],
-        heading_rad: Float[ArrayLike, " n"],
+        time_s: Float[Numbers, " n"],
+        lat_rad: Float[Numbers, " n"],
+        lon_rad: Float[Numbers, " n"],
+        height_m: Float[Numbers, " n"],
+        roll_rad: Float[Numbers, " n"],
+        pitch_rad: Float[Numbers, " n"],
+        heading_rad: Float[Numbers, " n"],
         *,
         max_gap_s: float,
-        velocity_ned_mps: Float[ArrayLike, "n 3"] | None = None,
+        velocity_ned_mps: Float[Numbers, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
         interpolation: Interpolation = "linear",
@@ -199,10 +199,10 @@ class PosePerImage(AbstractStations):
 
     def __init__(
         self,
-        position_m: Float[ArrayLike, "n 3"],
-        quaternion_xyzw: Float[ArrayLike, "n 4"],
-        turn_rad: Float[ArrayLike, "n 3"] | None = None,
-        shift_m: Float[ArrayLike, "n 3"] | None = None,
+        position_m: Float[Numbers, "n 3"],
+        quaternion_xyzw: Float[Numbers, "n 4"],
+        turn_rad: Float[Numbers, "n 3"] | None = None,
+        shift_m: Float[Numbers, "n 3"] | None = None,
     ):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")

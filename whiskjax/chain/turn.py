@@ -5,11 +5,11 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.angles import ELEMENTARY, Angle
 from ..algebra.vectors import Component, add, is_structural, mul
-from ..rules import RESULTS, Arrays, WhiskjaxError, need
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need
 from .knots import Knots, take
 from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
@@ -55,8 +55,8 @@ class Encoder(eqx.Module):
 
     def __init__(
         self,
-        time_s: Float[ArrayLike, " n"],
-        angle_rad: Float[ArrayLike, " n"],
+        time_s: Float[Numbers, " n"],
+        angle_rad: Float[Numbers, " n"],
         max_gap_s: float,
         name: str = "Encoder",
         *,

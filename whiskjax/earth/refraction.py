@@ -18,11 +18,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec3, dot, scale, vadd, vsub
-from ..rules import RESULTS, Arrays
+from ..rules import RESULTS, Arrays, Numbers
 from ..rules.results import failure_if
 from .atmosphere import HIGHEST_M, LAYERS_M, LOWEST_M, SEA_LEVEL_DENSITY_KGPM3, air, air_in_layer, sea_level_refractivity
 from .ellipsoid import ECCENTRICITY2, SEMI_MINOR_M, height_and_up
@@ -44,7 +44,7 @@ class Refraction(eqx.Module):
     scale: Float[Array, ""]
     wavelength_um: float = eqx.field(static=True)
 
-    def __init__(self, scale: Float[ArrayLike, ""] = 1.0, wavelength_um: float = 0.55):
+    def __init__(self, scale: Float[Numbers, ""] = 1.0, wavelength_um: float = 0.55):
         """**Raises:** `WhiskjaxError` for a negative scale, or a wavelength at which the dispersion is not known."""
         arrays = Arrays("Refraction")
         self.scale = jnp.asarray(arrays.take("scale", scale, "", finite=True, least=0.0))

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ..chain.address import Address, make_room, parse, put, read
 from ..chain.sensor import Sensor
-from ..rules import Arrays, WhiskjaxError, need
+from ..rules import Arrays, Numbers, WhiskjaxError, need
 from ..rules.spread import LEAST_SCALE, MOST_SCALE, refuse_sigmas
 
 
@@ -127,7 +127,7 @@ def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
     return sensor
 
 
-def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[ArrayLike, " unknowns"]) -> Sensor:
+def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[Numbers, " unknowns"]) -> Sensor:
     """The sensor with unknowns set to values (k,) in the units of their fields; differentiable in the values.
 
     The way from a vector of parameters to an image: `jax.jacfwd(lambda v: project(assign(sensor, unknowns, v), shot, point))`.

@@ -17,11 +17,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ..earth.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from ..earth.frames import enu_rotation
-from ..rules import WhiskjaxError
+from ..rules import Numbers, WhiskjaxError
 from .plain_names import has_odd
 
 PROBABILITY = 0.9
@@ -52,11 +52,11 @@ class LocatedTarget:
     lat_deg: float
     lon_deg: float
     height_m: float
-    covariance_enu_m2: Float[ArrayLike, "3 3"]
+    covariance_enu_m2: Float[Numbers, "3 3"]
     ce90_m: float
     le90_m: float
     properties: Mapping[str, float | int | str | bool | None] = field(default_factory=dict)
-    track: Float[ArrayLike, "n 3"] | None = None
+    track: Float[Numbers, "n 3"] | None = None
 
     def __post_init__(self):
         track = np.zeros((0, 3)) if self.track is None else np.asarray(self.track, dtype=float)

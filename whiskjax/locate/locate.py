@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import stack, unstack, vadd
 from ..chain.extremes import refuse_extremes
@@ -16,7 +16,7 @@ from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, need_unknowns
-from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, is_traced, need
+from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
@@ -43,7 +43,7 @@ def locate(
     *,
     guess: Guess | None = None,
     surface: AbstractSurface | None = None,
-    sigma_enu_m: Float[ArrayLike, "3"] | None = None,
+    sigma_enu_m: Float[Numbers, "3"] | None = None,
     noise: Sequence[FrameNoise] = (),
     method: str = "iterated",
     estimate: Sequence[Unknown] = (),

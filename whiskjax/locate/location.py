@@ -4,12 +4,12 @@ import math
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.diagnosis import UNLIKELY, chi_square_tail
-from ..rules import RESULTS
+from ..rules import RESULTS, Numbers
 from ..rules.results import codes_of, is_successful, message_of
 
 _WEAK_RAD = math.radians(2.0)
@@ -87,7 +87,7 @@ class Location(eqx.Module):
         lat, lon, height = ecef_to_geodetic(self.point_m)
         return math.degrees(lat), math.degrees(lon), float(height)
 
-    def accuracy(self, bias_enu_m: Float[ArrayLike, "3"] | None = None) -> Accuracy:
+    def accuracy(self, bias_enu_m: Float[Numbers, "3"] | None = None) -> Accuracy:
         """CEP50, CE90, LE90 and SE90: exact quantiles for the covariance and a bias, if one is known."""
         return accuracy(self.covariance_enu_m2, bias_enu_m)
 

@@ -3,10 +3,10 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..chain.shot import Shot
-from ..rules import Arrays, WhiskjaxError, is_traced, need, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, require_x64
 from ..rules.spread import refuse_sigmas, refuse_sizes
 
 
@@ -27,7 +27,7 @@ class Looks(eqx.Module):
     pixel_px: Float[Array, "looks 2"] = eqx.field(converter=jnp.asarray)
     sigma_px: Float[Array, "*looks 2"] = eqx.field(converter=jnp.asarray)
 
-    def __init__(self, shot: Shot, pixel_px: Float[ArrayLike, "looks 2"], sigma_px: Float[ArrayLike, "*looks 2"]):
+    def __init__(self, shot: Shot, pixel_px: Float[Numbers, "looks 2"], sigma_px: Float[Numbers, "*looks 2"]):
         require_x64("Looks")
         need("Looks", "shot", shot, Shot, "Shot(time_s=...)")
         arrays = Arrays("Looks")

@@ -5,14 +5,14 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
 from ..chain.pose import Motion
 from ..chain.sensor import Sensor
 from ..chain.sweep import Sweep
 from ..chain.turn import as_parameter
-from ..rules import Arrays, WhiskjaxError, is_traced, need
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.spread import refuse_sigmas
 
 
@@ -44,8 +44,8 @@ class FrameNoise(eqx.Module):
     def __init__(
         self,
         frame: str,
-        turn_sigma_rad: Sequence[Float[ArrayLike, "..."]] = (0, 0, 0),
-        shift_sigma_m: Sequence[Float[ArrayLike, "..."]] = (0, 0, 0),
+        turn_sigma_rad: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
+        shift_sigma_m: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
     ):
         """**Raises:** `WhiskjaxError` where there are not three sigmas of each, or one is negative, not finite or in degrees."""
         need("FrameNoise", "frame", frame, str)

@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ...earth.ellipsoid import ecef_to_geodetic
 from ...estimate.diagnosis import UNLIKELY, chi_square_tail
+from ...rules import Numbers
 from ...rules.results import codes_of, message_of
 from ..plain import Summary, number, probability, versions
 from .target_sighting import STATES, Sighting
@@ -67,7 +68,7 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
     return data
 
 
-def position(sighting: Sighting, point_m: Float[ArrayLike, "3"]) -> dict[str, float]:
+def position(sighting: Sighting, point_m: Float[Numbers, "3"]) -> dict[str, float]:
     """A point of the world in the coordinates of its files: degrees and ellipsoidal metres, or local metres."""
     if sighting.flight.world.kind == "local":
         return dict(zip(("x_m", "y_m", "z_m"), np.asarray(point_m).tolist(), strict=True))
