@@ -40,7 +40,7 @@ def sightings(angle_rad, half_px, axis, point, window):
 
     A step back from one sample to the next, as far as the whole scan, is not scanned through.
     """
-    t = np.arange(*window, 2e-5)
+    t = np.arange(window[0], window[1], 2e-5)
     angle = np.interp(t, TIME_S, angle_rad)
     x, y, z = point[0] - SPEED_MPS * t, point[1], point[2] - HEIGHT_M
     s, c = np.sin(angle), np.cos(angle)
@@ -159,6 +159,7 @@ def test_one_point_seen_by_two_lines():
     sensor = made("turbulence")
     views = wj.By("view", {f"{offset:g}": wj.LineCamera(FOCAL_PX, offset_px=offset, along="y") for offset in (-60.0, 60.0)})
     level = wj.Trajectory(TIME_S, np.stack(sensor["body"].position_m, -1), np.tile([0.0, 0, 0, 1], (len(TIME_S), 1)), max_gap_s=1)
-    found = wj.ground_to_image(wj.Sensor({"body": level}, views), wj.Shot(view=np.array([0, 1])), [150.0, 30.0, 0.0], (0.0, 6.0))
+    point = np.array([150.0, 30.0, 0.0])
+    found = wj.ground_to_image(wj.Sensor({"body": level}, views), wj.Shot(view=np.array([0, 1])), point, (0.0, 6.0))
     # x = f (X - v t) / h is imaged at -+60 px.
     np.testing.assert_allclose(found.time_s, [(150 + 60) / SPEED_MPS, (150 - 60) / SPEED_MPS], rtol=0, atol=1e-9)

@@ -72,8 +72,8 @@ class AbstractCamera(eqx.Module):
         """Whether the pixel lies on the detector, where its size is known."""
 
     @abc.abstractmethod
-    def ends(self) -> tuple[Component, Component] | None:
-        """First and last sample of a detector line, where they are known."""
+    def ends(self) -> tuple[Component, ...]:
+        """First and last sample of a detector line; nothing where they are not known."""
 
     @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
@@ -240,8 +240,9 @@ class FrameCamera(AbstractCamera):
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
 
-    def ends(self) -> None:
+    def ends(self) -> tuple[Component, ...]:
         """A frame camera has no line."""
+        return ()
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

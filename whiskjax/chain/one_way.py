@@ -127,9 +127,8 @@ def _rates(sensor: Sensor, shot: Shot) -> tuple[Vec3, Vec3]:
 
 
 def _miss_rate(miss: Callable[[Vec3], Component], q: Vec3, motion: Vec3) -> Component:
-    q, motion = ([jnp.asarray(c, dtype=float) for c in v] for v in (q, motion))
-    q, motion = tuple(jnp.broadcast_arrays(*q, *motion)[:3]), tuple(jnp.broadcast_arrays(*q, *motion)[3:])
-    return jax.jvp(lambda *q: miss(q), q, motion)[1]
+    six = jnp.broadcast_arrays(*(jnp.asarray(c, dtype=float) for c in (*q, *motion)))
+    return jax.jvp(lambda *q: miss(q), tuple(six[:3]), tuple(six[3:]))[1]
 
 
 def _positive(a: Component, b: Component) -> tuple[Component, Component]:

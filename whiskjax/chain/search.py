@@ -67,8 +67,8 @@ def _chains(sensor: Sensor, shot: Shot) -> float:
         at = dataclasses.replace(shot, time_s=t)
         return sensor.pose(at), sensor.camera_at(at).ends()
 
-    *_, ends = found = jax.eval_shape(chain, jnp.zeros(()))
-    return math.inf if ends is None else max(leaf.size for leaf in jax.tree.leaves(found))
+    found = jax.eval_shape(chain, jnp.zeros(()))
+    return max(leaf.size for leaf in jax.tree.leaves(found)) if found[1] else math.inf
 
 
 def _many(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool) -> Crossings:
