@@ -11,11 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
-from ..rules import RESULTS, WhiskjaxError, is_traced
+from ..rules import RESULTS, Arrays, WhiskjaxError
 from ..rules.results import choose, failure_if
 from .shot import Shot
 
@@ -28,15 +28,18 @@ def parameter(value: Any) -> Any:
     return None if value is None else jnp.asarray(value, dtype=float)
 
 
-def positive_focal(focal_px: Any) -> None:
-    """Refuse a focal length that is not positive; silent while tracing or inside tree operations."""
-    if isinstance(focal_px, np.ndarray | jax.Array) and not is_traced(focal_px):
-        if not bool(np.all(np.asarray(focal_px) > 0)):
-            raise WhiskjaxError(f"the focal length is a positive number of pixels, not {np.asarray(focal_px)}")
+def common_batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
+    """The batch shape that fields have in common: each with the number of its own dimensions; None has none."""
+    return np.broadcast_shapes(*(np.shape(a)[: np.ndim(a) - own] for a, own in fields if a is not None))
 
 
 class AbstractCamera(eqx.Module):
     """Pixel <-> direction in the camera frame."""
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """() for one camera of all shots; else it broadcasts with the shots."""
+        return ()
 
     @property
     @abc.abstractmethod
@@ -84,6 +87,12 @@ class AbstractCamera(eqx.Module):
         """
 
 
+_DISTORTION = (
+    "k1, k2, k3, p1, p2. OpenCV's order is k1, k2, p1, p2, k3: its four numbers are [k1, k2, 0, p1, p2] here, and more than its "
+    "five are another model"
+)
+
+
 def _distorted(coefficients: Float[Array, "*batch 5"], u: Component, v: Component) -> Vec2:
     k1, k2, k3, p1, p2 = unstack(coefficients)
     r2 = u * u + v * v
@@ -124,19 +133,44 @@ class FrameCamera(AbstractCamera):
 
     - `focal_px`: focal length in pixels, () or (n_images,) for a zoom lens.
     - `principal_point_px`: column and row of the principal point in the flight's pixel coordinates.
-    - `distortion`: (k1, k2, k3, p1, p2) or None.
+    - `distortion`: (k1, k2, k3, p1, p2) or None. OpenCV's numbers mean the same, but stand as k1, k2, p1, p2, k3.
     - `size_px`: columns and rows of the detector, or None where it does not matter.
     - `per_image`: `focal_px` holds one number for each image; the shot's image picks it.
     """
 
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_point_px: Float[Array, "*batch 2"] = eqx.field(converter=parameter)
-    distortion: Float[Array, "*batch 5"] | None = eqx.field(default=None, converter=parameter)
-    size_px: Float[Array, "*batch 2"] | None = eqx.field(default=None, converter=parameter)
-    per_image: bool = eqx.field(default=False, static=True)
+    distortion: Float[Array, "*batch 5"] | None = eqx.field(converter=parameter)
+    size_px: Float[Array, "*batch 2"] | None = eqx.field(converter=parameter)
+    per_image: bool = eqx.field(static=True)
 
-    def __check_init__(self):
-        positive_focal(self.focal_px)
+    def __init__(
+        self,
+        focal_px: Float[ArrayLike, "..."],
+        principal_point_px: Float[ArrayLike, "*batch 2"],
+        distortion: Float[ArrayLike, "*batch 5"] | None = None,
+        size_px: Float[ArrayLike, "*batch 2"] | None = None,
+        per_image: bool = False,
+    ):
+        """**Raises:** `WhiskjaxError` for other shapes than these, a focal length or size that is not positive."""
+        arrays = Arrays("FrameCamera")
+        # A focal length for each image is no batch of the others: the shot picks one.
+        focal, many = (Arrays("FrameCamera"), "images") if per_image else (arrays, "...")
+        self.focal_px = focal.take("focal_px", focal_px, many, finite=True, above=0.0, meaning="a number of pixels")
+        self.principal_point_px = arrays.take(
+            "principal_point_px", principal_point_px, "... 2", finite=True, meaning="column and row"
+        )
+        self.distortion = arrays.take("distortion", distortion, "... 5", optional=True, finite=True, meaning=_DISTORTION)
+        self.size_px = arrays.take(
+            "size_px", size_px, "... 2", optional=True, finite=True, above=0.0, meaning="columns and rows of the detector"
+        )
+        self.per_image = per_image
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of its numbers, but for a focal length for each image."""
+        focal = None if self.per_image else self.focal_px
+        return common_batch((focal, 0), (self.principal_point_px, 1), (self.distortion, 1), (self.size_px, 1))
 
     @property
     def is_line(self) -> bool:

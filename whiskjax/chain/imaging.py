@@ -7,7 +7,7 @@ The chain is straight. A sensor with refraction images, in place of a ground poi
 it leaves the camera.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,8 +18,8 @@ from ..algebra.implicit import implicit
 from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, total, unstack
 from ..earth.ellipsoid import height_and_up
 from ..earth.refraction import Refraction
-from ..earth.surface import AbstractSurface
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures, require_x64
+from ..earth.surface import AbstractSurface, need_surface
+from ..rules import RESULTS, Arrays, first_failure, need, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
 from .sensor import Sensor
 from .shot import Shot
@@ -135,13 +135,26 @@ def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "
     return stack([jnp.where(ok, c, jnp.nan) for c in components])
 
 
-def coordinates(value: Any, size: int, what: str) -> Float[Array, "... size"]:
-    """An array (..., size) of absolute coordinates, in float64."""
-    require_x64(what)
-    value = jnp.asarray(value, dtype=jnp.float64)
-    if value.shape[-1:] != (size,):
-        raise WhiskjaxError(f"{what}: the last axis has {size} entries, but the shape is {value.shape}")
-    return value
+def begin(door: str, sensor: Sensor, shot: Shot) -> Arrays:
+    """What every door asks of its sensor and its shot; the arrays taken next have to fit them."""
+    require_x64(door)
+    need(door, "sensor", sensor, Sensor)
+    need(door, "shot", shot, Shot, "Shot(time_s=...)")
+    arrays = Arrays(door)
+    sensor.fit(arrays, shot)
+    shot.fit(arrays)
+    return arrays
+
+
+def take_pixel(arrays: Arrays, pixel_px: Float[ArrayLike, "... 2"]) -> Float[Array, "... 2"]:
+    """The pixels of a door."""
+    meaning = "sample and line offset, or column and row"
+    return jnp.asarray(arrays.take("pixel_px", pixel_px, "... 2", meaning=meaning))
+
+
+def take_point(arrays: Arrays, point_m: Float[ArrayLike, "... 3"]) -> Float[Array, "... 3"]:
+    """The ground points of a door, in float64 all the way."""
+    return jnp.asarray(arrays.take("point_m", point_m, "... 3", absolute=True, meaning="x, y, z of the world frame"))
 
 
 @eqx.filter_jit
@@ -165,9 +178,9 @@ def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, thro
 
     **Returns:** `Ray`, in the world frame.
 
-    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    **Raises:** `SensorError`; `WhiskjaxError` where shapes do not fit; `RuntimeError` where float64 is off.
     """
-    answer = _ray(sensor, shot, coordinates(pixel_px, 2, "ray"))
+    answer = _ray(sensor, shot, take_pixel(begin("ray", sensor, shot), pixel_px))
     if throw:
         raise_failures(answer.result, "ray")
     return answer
@@ -196,9 +209,9 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, t
 
     **Returns:** `Projection`.
 
-    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    **Raises:** `SensorError`; `WhiskjaxError` for float32, or where shapes do not fit; `RuntimeError` where float64 is off.
     """
-    answer = _project(sensor, shot, coordinates(point_m, 3, "project"))
+    answer = _project(sensor, shot, take_point(begin("project", sensor, shot), point_m))
     if throw:
         raise_failures(answer.result, "project")
     return answer
@@ -226,9 +239,14 @@ def image_to_ground(
 
     **Returns:** `GroundPoint`.
 
-    **Raises:** `SensorError`; `RuntimeError` where float64 is off.
+    **Raises:** `SensorError`; `WhiskjaxError` where shapes do not fit, or the surface is none; `RuntimeError` where float64 is
+    off.
     """
-    answer = _image_to_ground(sensor, shot, coordinates(pixel_px, 2, "image_to_ground"), surface)
+    arrays = begin("image_to_ground", sensor, shot)
+    need_surface("image_to_ground", surface)
+    pixel = take_pixel(arrays, pixel_px)
+    arrays.fit("surface", getattr(surface, "batch_shape", ()), "...")
+    answer = _image_to_ground(sensor, shot, pixel, surface)
     if throw:
         raise_failures(answer.result, "image_to_ground")
     return answer

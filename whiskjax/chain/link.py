@@ -35,6 +35,11 @@ class Moves(NamedTuple):
 class AbstractLink(eqx.Module):
     """One link of the chain, from the Earth inwards to the camera."""
 
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """() for a link that serves all shots; else it broadcasts with the shots."""
+        return ()
+
     @abc.abstractmethod
     def pose(self, shot: Shot) -> Pose:
         """Pose outer_from_inner of each shot."""

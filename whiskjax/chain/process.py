@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import Component
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, Arrays
 from ..rules.results import choose
 from .correction import AbstractBasis
 from .knots import take
@@ -37,11 +37,10 @@ class Process(AbstractBasis):
         where a constant unknown beside the process already holds the start.
         """
         t = _increasing(time_s)
-        if not (np.isfinite(start_sigma) and start_sigma >= 0):
-            raise WhiskjaxError(f"start_sigma must be zero or a positive number, not {start_sigma}")
+        start_sigma = float(Arrays("Process").take("start_sigma", start_sigma, "", finite=True, least=0.0))
         # The start, and independent changes from node to node: column k acts from node k on.
         root = np.tril(np.broadcast_to(np.append(start_sigma, np.sqrt(np.diff(t))), (len(t), len(t))))
-        return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", float(start_sigma))
+        return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", start_sigma)
 
     @classmethod
     def ornstein_uhlenbeck(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
@@ -77,9 +76,10 @@ class Process(AbstractBasis):
 
 
 def _increasing(time_s: Float[ArrayLike, " nodes"]) -> np.ndarray:
-    t = np.asarray(time_s, dtype=float)
-    if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
-        raise WhiskjaxError(f"a process needs at least two node times that increase, not {time_s}")
+    arrays = Arrays("Process")
+    t = np.asarray(arrays.take("time_s", time_s, "nodes", absolute=True, finite=True))
+    if len(t) < 2 or not (np.diff(t) > 0).all():
+        arrays.refuse("time_s", f"is {t.tolist()}; at least two node times that increase are needed")
     return t
 
 
@@ -89,6 +89,4 @@ def _root(covariance: np.ndarray) -> Float[Array, "nodes nodes"]:
 
 
 def _positive(correlation_s: float) -> float:
-    if not (np.isfinite(correlation_s) and correlation_s > 0):
-        raise WhiskjaxError(f"correlation_s must be a positive number of seconds, not {correlation_s}")
-    return correlation_s
+    return float(Arrays("Process").take("correlation_s", correlation_s, "", finite=True, above=0.0))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.implicit import implicit
@@ -15,7 +16,7 @@ from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import choose, failure_if
 from .bracket import CLOSE, between, close
 from .camera import AbstractCamera
-from .imaging import centre, coordinates, finish, finite, image, into_camera
+from .imaging import begin, centre, finish, finite, image, into_camera, take_point
 from .one_way import sweeping
 from .sensor import Sensor
 from .shot import Shot
@@ -169,7 +170,8 @@ def ground_to_image(
     **Raises:** `SensorError` (outside the swath, seen more than once, outside the trajectory, behind the camera); `WhiskjaxError`
     where a line camera has no window or a frame camera has one.
     """
-    point = coordinates(point_m, 3, "ground_to_image")
+    arrays = begin("ground_to_image", sensor, shot)
+    point = take_point(arrays, point_m)
     is_line = sensor.is_line
     if is_line != (window_s is not None):
         raise WhiskjaxError(
@@ -178,7 +180,10 @@ def ground_to_image(
             else "a frame camera exposes the image at once: leave window_s out"
         )
     if window_s is not None:
-        window_s = jnp.asarray(window_s[0], dtype=jnp.float64), jnp.asarray(window_s[1], dtype=jnp.float64)
+        if np.ndim(window_s) == 0 or len(window_s) != 2:
+            arrays.refuse("window_s", f"is {window_s!r}; the first and the last time are expected, (start, stop)")
+        start, stop = (arrays.take("window_s", w, "...", absolute=True) for w in window_s)
+        window_s = jnp.asarray(start), jnp.asarray(stop)
     answer = _ground_to_image(sensor, shot, point, window_s, clip)
     if throw:
         raise_failures(answer.result, "ground_to_image")

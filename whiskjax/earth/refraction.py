@@ -18,11 +18,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec3, dot, scale, vadd, vsub
-from ..rules import RESULTS
+from ..rules import RESULTS, Arrays
 from ..rules.results import failure_if
 from .atmosphere import HIGHEST_M, LAYERS_M, LOWEST_M, SEA_LEVEL_DENSITY_KGPM3, air, air_in_layer, sea_level_refractivity
 from .ellipsoid import ECCENTRICITY2, SEMI_MINOR_M, height_and_up
@@ -41,11 +41,14 @@ class Refraction(eqx.Module):
     `wavelength_um`: in micrometres, 0.23 to 1.69.
     """
 
-    scale: Float[Array, ""] = eqx.field(default=1.0, converter=lambda value: jnp.asarray(value, dtype=float))
-    wavelength_um: float = eqx.field(default=0.55, static=True)
+    scale: Float[Array, ""]
+    wavelength_um: float = eqx.field(static=True)
 
-    def __check_init__(self):
-        """**Raises:** `WhiskjaxError` for a wavelength at which the dispersion is not known."""
+    def __init__(self, scale: Float[ArrayLike, ""] = 1.0, wavelength_um: float = 0.55):
+        """**Raises:** `WhiskjaxError` for a negative scale, or a wavelength at which the dispersion is not known."""
+        arrays = Arrays("Refraction")
+        self.scale = jnp.asarray(arrays.take("scale", scale, "", finite=True, least=0.0))
+        self.wavelength_um = float(arrays.take("wavelength_um", wavelength_um, ""))
         sea_level_refractivity(self.wavelength_um)
 
     def true_direction(self, origin: Vec3, direction: Vec3, height_m: Component) -> tuple[Vec3, RESULTS]:

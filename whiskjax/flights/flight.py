@@ -13,13 +13,13 @@ from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
-from ..estimate.block.block import Block
+from ..estimate.block.block import ROLES, Block
 from ..estimate.block.pos_errors import PosErrors
 from ..estimate.observations import Observations
-from ..estimate.unknown import Unknown
+from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
-from ..rules import FlightError
+from ..rules import Arrays, FlightError, need
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +36,11 @@ class World:
     def __post_init__(self):
         if self.kind not in ("wgs84", "local"):
             raise FlightError(f"the world is 'wgs84' or 'local', not {self.kind!r}")
+        if self.origin is not None:
+            place = "latitude and longitude in degrees, height in metres"
+            lat, lon, _ = Arrays("World").take("origin", self.origin, "3", finite=True, meaning=place)
+            if not (abs(lat) <= 90 and abs(lon) <= 360):
+                raise FlightError(f"World: origin is latitude and longitude in degrees and height in metres, not {self.origin}")
         if self.height_datum != "ellipsoidal":
             raise FlightError(f"height_datum {self.height_datum!r}: heights are ellipsoidal; convert them with your geoid first")
 
@@ -59,6 +64,13 @@ class Image:
     columns: int | None = None
     rows: int | None = None
 
+    def __post_init__(self):
+        need("Image", "name", self.name, str)
+        arrays = Arrays(f"Image {self.name}")
+        arrays.take("time_s", self.time_s, "", optional=True, absolute=True, finite=True)
+        if self.lines is not None:
+            need(f"Image {self.name}", "lines", self.lines, LineTimes, "LineTimes(line, time_s)")
+
     def key(self, key: str) -> str | None:
         """The name behind a key of the shot."""
         return self.name if key == "image" else getattr(self, key)
@@ -72,6 +84,17 @@ class Points:
     position_m: Float[np.ndarray, "n 3"]
     sigma_enu_m: Float[np.ndarray, "n 3"]
     roles: Sequence[str]
+
+    def __post_init__(self):
+        arrays = Arrays("Points")
+        object.__setattr__(self, "position_m", np.asarray(arrays.take("position_m", self.position_m, "n 3", absolute=True)))
+        sigma = arrays.take("sigma_enu_m", self.sigma_enu_m, "n 3", finite=True, least=0.0, meaning="east, north, up")
+        object.__setattr__(self, "sigma_enu_m", np.asarray(sigma))
+        for name in ("names", "roles"):
+            arrays.fit(name, np.shape(getattr(self, name)), "n")
+        unknown = sorted(set(map(str, self.roles)) - set(ROLES))
+        if unknown:
+            raise FlightError(f"Points: roles: a point is a {', '.join(ROLES)} point, not {unknown}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +135,21 @@ class Flight:
     epoch: str = ""
     reference_point: str = ""
     notes: str = ""
+
+    def __post_init__(self):
+        for name, kind in (("sensor", Sensor), ("points", Points), ("measurements", Measurements), ("world", World)):
+            need("Flight", name, getattr(self, name), kind)
+        for i, image in enumerate(self.images):
+            need("Flight", f"images[{i}]", image, Image)
+        need_unknowns("Flight", "unknowns", self.unknowns)
+        m, arrays = self.measurements, Arrays("Flight")
+        for name, known in (("image", len(self.images)), ("point", len(self.points.names))):
+            index = np.asarray(arrays.take_whole(f"measurements.{name}", getattr(m, name), "n"))
+            wrong = np.flatnonzero((index < 0) | (index >= known))
+            if wrong.size:
+                raise FlightError(f"Flight: measurement {wrong[0]} is of {name} {index[wrong[0]]}, but there are {known}")
+        for name in ("line_px", "sample_px", "sigma_line_px", "sigma_sample_px"):
+            arrays.take(f"measurements.{name}", getattr(m, name), "n")
 
     def key_index(self, image: Image, key: str) -> int | None:
         """The index by which the shot names an image's swing, view, strip or the image itself; None where no link asks for it.
