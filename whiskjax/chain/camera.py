@@ -74,9 +74,9 @@ class AbstractCamera(eqx.Module):
     def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
         """Whether the pixel lies on the detector, where its size is known."""
 
-    @abc.abstractmethod
     def ends(self) -> tuple[Component, ...]:
-        """First and last sample of a detector line; nothing where they are not known."""
+        """First and last sample of a detector line; nothing where there is none, or they are not known."""
+        return ()
 
     @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
@@ -273,10 +273,6 @@ class FrameCamera(AbstractCamera):
         wide, high = self.size_px[..., 0], self.size_px[..., 1]
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
-
-    def ends(self) -> tuple[Component, ...]:
-        """A frame camera has no line."""
-        return ()
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""
