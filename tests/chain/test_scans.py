@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from whiskjax.chain.one_way import sweeping
+from whiskjax.chain.one_way import goes_one_way
 
 R = wj.RESULTS
 HZ, SPAN_S, SPEED_MPS, HEIGHT_M, FOCAL_PX = 500.0, 6.0, 50.0, 1000.0, 1000.0
@@ -103,6 +103,15 @@ def made(case):
     return instrument(angle, half, axis)
 
 
+def test_the_rates_between_samples_bound_those_of_the_chain():
+    for case, axis in (("turbulence", "y"), ("2 scans a second", "x")):
+        angle = CASES[case][0]
+        moves = made(case).moves(wj.Shot())
+        assert CASES[case][2] == axis and len(moves.recorded) == (1 if axis == "y" else 2)
+        np.testing.assert_allclose(moves.turn_radps, np.abs(np.diff(angle)).max() * HZ, rtol=1e-6)
+        np.testing.assert_allclose(moves.speed_mps, SPEED_MPS, rtol=1e-12)
+
+
 def test_a_refusal_says_what_to_do():
     sensor, points = made("a wider detector"), ground(61)
     with pytest.raises(wj.SensorError, match="seen more than once within the given time window: give a narrower window"):
@@ -120,8 +129,8 @@ def test_a_refusal_says_what_to_do():
 )
 def test_where_the_line_sweeps_one_way(case, window, one_way):
     start, stop = jnp.asarray(window)
-    sweep = jax.jit(sweeping)(made(case), wj.Shot(), start, stop)
-    assert bool(sweep.goes_one_way(jnp.asarray(HEIGHT_M), stop - start)) == one_way
+    below = tuple(jnp.array([SPEED_MPS * window[0] + 20.0, 30.0, 0.0]))
+    assert bool(jax.jit(goes_one_way)(made(case), wj.Shot(), below, start, stop)) == one_way
 
 
 @pytest.mark.parametrize("window", [(1.01, 1.39), (1.01, 3.39)], ids=["one way", "to and fro"])
