@@ -75,6 +75,12 @@ WINDOWS = [(0.0, 1.0), (0.5, 5.5), (2.03, 2.41), (1.0, 2.0)]
 SUCCESS, NONE, MANY = "seen once", "not seen", "seen more than once"
 
 
+def find(sensor, points, window):
+    """Each point has its window, so that all of these tests compile one function."""
+    window = tuple(np.broadcast_to(end, len(points)) for end in window)
+    return wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
+
+
 def outcome(result):
     results, names = (R.successful, R.outside_swath, R.seen_more_than_once), (SUCCESS, NONE, MANY)
     return np.select([np.asarray(result == r) for r in results], names, "something else")
@@ -87,7 +93,7 @@ def test_the_one_sighting_is_found_and_several_are_refused(case):
     told = set()
     for window in WINDOWS:
         seen = [sightings(angle, half, axis, point, window) for point in points]
-        found = wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
+        found = find(sensor, points, window)
         expected = np.array([(NONE, SUCCESS, MANY)[min(len(times), 2)] for times in seen])
         np.testing.assert_array_equal(outcome(found.result), expected)
         once = expected == SUCCESS
@@ -115,7 +121,7 @@ def test_the_rates_between_samples_bound_those_of_the_chain():
 def test_a_refusal_says_what_to_do():
     sensor, points = made("a wider detector"), ground(61)
     with pytest.raises(wj.SensorError, match="seen more than once within the given time window: give a narrower window"):
-        wj.ground_to_image(sensor, wj.Shot(), points, (0.0, 6.0))
+        wj.ground_to_image(sensor, wj.Shot(), points, (np.zeros(N), np.full(N, 6.0)))
 
 
 @pytest.mark.parametrize(
@@ -138,7 +144,7 @@ def test_many_points_are_found_as_few_are(window):
     """A shorter way to the same answer, where the line sweeps one way."""
     sensor, points = made("2 scans a second"), ground(63, 30 * N)
     many = wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
-    few = [wj.ground_to_image(sensor, wj.Shot(), part, window, throw=False) for part in points.reshape(30, N, 3)]
+    few = [find(sensor, part, window) for part in points.reshape(30, N, 3)]
     np.testing.assert_array_equal(outcome(many.result), np.concatenate([outcome(found.result) for found in few]))
     np.testing.assert_allclose(many.time_s, np.concatenate([found.time_s for found in few]), rtol=0, atol=1e-12)
     assert 30 < np.isfinite(many.time_s).sum() < len(points)
@@ -146,18 +152,18 @@ def test_many_points_are_found_as_few_are(window):
 
 def test_what_is_seen_at_the_very_end_of_the_window_is_seen():
     sensor, points = made("2 scans a second"), ground(61)
-    whole = wj.ground_to_image(sensor, wj.Shot(), points, WINDOWS[1], throw=False)
+    whole = find(sensor, points, WINDOWS[1])
     seen = np.flatnonzero(np.asarray(whole.result == R.successful))
     time = np.asarray(whole.time_s)[np.resize(seen, N)]
     for window in ((time, time + 0.03), (time - 0.03, time), (time, time)):
-        found = wj.ground_to_image(sensor, wj.Shot(), points[np.resize(seen, N)], window)
+        found = find(sensor, points[np.resize(seen, N)], window)
         np.testing.assert_allclose(found.time_s, time, rtol=0, atol=1e-12)
         assert ((found.time_s >= window[0]) & (found.time_s <= window[1])).all()
 
 
 def test_points_alone_and_in_a_batch():
     sensor, points = made("2 scans a second"), ground(61)
-    batch = wj.ground_to_image(sensor, wj.Shot(), points, WINDOWS[1], throw=False)
+    batch = find(sensor, points, WINDOWS[1])
     alone = jax.jit(jax.vmap(lambda p: wj.ground_to_image(sensor, wj.Shot(), p, WINDOWS[1], throw=False)))(points)
     np.testing.assert_array_equal(outcome(alone.result), outcome(batch.result))
     np.testing.assert_allclose(alone.time_s, batch.time_s, rtol=0, atol=1e-12)

@@ -45,7 +45,7 @@ def instrument(name, air=None):
 
 
 def doors(name, pixel, air=None, only_search=False):
-    """All doors, or `ground_to_image` alone, by pixel, ground point, height, mount, camera (and air); where, and the steps."""
+    """All doors, or the time of exposure alone, by pixel, ground point, height, mount, camera (and air); where, and the steps."""
     base, (parts, steps) = instrument(name, air), PARTS[name]
     start = np.concatenate([[], *(np.ravel(part) for part in parts(base.camera))])
     point = np.asarray(wj.image_to_ground(base, SHOT, pixel, wj.HeightSurface(GROUND_M)).point_m)
@@ -61,7 +61,7 @@ def doors(name, pixel, air=None, only_search=False):
             imaged = wj.ground_to_image(sensor, wj.Shot(), v[2:5], (1.0, 9.0))
             found = imaged.pixel_px[0], imaged.time_s
         if only_search:
-            return found
+            return found[-1]
         ground = wj.image_to_ground(sensor, SHOT, v[:2], wj.HeightSurface(v[5])).point_m
         return found, ground, wj.ray(sensor, SHOT, v[:2]).direction, wj.project(sensor, SHOT, v[2:5]).pixel_px
 

@@ -158,11 +158,11 @@ def _rates(sensor: Sensor, shot: Shot) -> tuple[Pose, Vec3, Vec3]:
 
 
 def _offset_rates(camera: AbstractCamera, q: Vec3, *motions: Vec3) -> list[Component]:
-    """How fast the line offset of a direction on the line changes, for each of several motions: with the sign of its miss."""
+    """How fast the line offset of a direction on the line changes, for each of several motions: to the side of its miss."""
     shape = jnp.broadcast_shapes(*(jnp.shape(c) for v in (q, *motions) for c in v))
-    q, *motions = ([jnp.broadcast_to(jnp.asarray(c, dtype=float), shape) for c in v] for v in (q, *motions))
-    _, rate = jax.linearize(lambda *q: camera.pixel(q)[1], *q)
-    return [rate(*motion) for motion in motions]
+    place, *ways = ([jnp.broadcast_to(jnp.asarray(c, dtype=float), shape) for c in v] for v in (q, *motions))
+    _, rate = jax.linearize(lambda *q: camera.pixel(q)[1], *place)
+    return [rate(*way) for way in ways]
 
 
 def _positive(a: Component, b: Component) -> tuple[Component, Component]:
