@@ -58,3 +58,72 @@ def assert_derivatives(f, x, step, tolerance, zero=False):
     assert (modes <= MODES_AGREE * np.maximum(size, tolerance)).all(), f"forward and reverse mode differ by {modes}"
     worst = np.abs(forward - central).max(axis=(0, 2))
     assert (worst <= tolerance).all(), f"derivative and difference differ by {worst}, allowed {tolerance}, changes {size}"
+
+
+def assert_second_derivatives(f, x, step, share=0.1, tolerance=1e-6, reverse=False):
+    """Second derivatives, forward over forward, against central differences of the Jacobian; and both mixed modes against them.
+
+    All inputs are counted in their steps. What may differ is a part of the largest second derivative of the same output.
+
+    **Arguments:**
+
+    - `f`: one array (n,) -> array (m,), or a tuple of them.
+    - `x`: points (n,) or (points, n).
+    - `step`: (n,), over which each input changes the output as it does in use.
+    - `share`: over which part of the step the differences are taken, extrapolated once (Richardson).
+    - `tolerance`: relative.
+    - `reverse`: take forward over reverse and reverse over forward, too; these compile four times as long.
+
+    **Returns:** the second derivatives (points, m, n, n).
+    """
+    x = np.atleast_2d(np.asarray(x, dtype=np.float64))
+    n = x.shape[1]
+    step = jnp.broadcast_to(jnp.asarray(step, dtype=float), (n,))
+    unit = jnp.eye(n)
+
+    def flat(v, y):
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(f(v + step * y))])
+
+    def slope(v, y, tangent):
+        return jax.jvp(lambda y: flat(v, y), (y,), (tangent,))[1]
+
+    @jax.jit
+    def forward(v, moves, first, second):
+        """At each of the moved points one column of the Jacobian, and its derivative by one more input."""
+
+        def one(row):
+            y, i, j = row
+            return jax.jvp(lambda y: slope(v, y, unit[i]), (y,), (unit[j],))
+
+        return jax.lax.map(one, (moves, first, second))
+
+    @jax.jit
+    def mixed(v, weight):
+        """Rows of the second derivatives of one weighted output."""
+        y = jnp.zeros(n)
+        gradient = jax.grad(lambda y: weight @ flat(v, y))
+        of_slope = lambda i: jax.grad(lambda y: weight @ slope(v, y, unit[i]))(y)
+        return jax.lax.map(lambda i: (jax.jvp(gradient, (y,), (unit[i],))[1], of_slope(i)), jnp.arange(n))
+
+    # All pairs of inputs where x is; and all columns of the Jacobian where each input has moved by four steps.
+    parts = np.array([1.0, 0.5, -1.0, -0.5]) * share
+    moves = np.concatenate([np.zeros((n * n, n)), np.repeat(np.kron(parts[:, None], np.eye(n)), n, axis=0)])
+    i, j = (np.concatenate([a.ravel(), np.resize(np.arange(n), 4 * n * n)]) for a in np.indices((n, n)))
+    answers = []
+    for v in x:
+        columns, second = (np.asarray(a) for a in forward(v, moves, i, j))
+        second = np.moveaxis(second[: n * n].reshape(n, n, -1), -1, 0)
+        a, b, c, d = columns[n * n :].reshape(4, n, n, -1)
+        central = np.moveaxis((8 * (b - d) - (a - c)) / (6 * share), -1, 0)
+        size = np.abs(central).max(axis=(1, 2))
+        assert np.isfinite(second).all(), "the second derivative is not finite"
+        assert (size > 0).all(), "a second derivative vanishes: nothing is tested"
+        off = np.abs(second - central).max(axis=(1, 2)) / size
+        assert (off <= tolerance).all(), f"second derivatives are off by {off} of the largest"
+        if reverse:
+            weight = np.random.default_rng(81).uniform(0.5, 1.5, len(size)) / size
+            expected = np.tensordot(weight, second, 1)
+            for got in mixed(v, weight):
+                np.testing.assert_allclose(got, expected, rtol=0, atol=MODES_AGREE * np.abs(expected).max())
+        answers.append(second)
+    return np.stack(answers)

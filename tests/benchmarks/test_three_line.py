@@ -83,7 +83,7 @@ def test_what_only_some_machines_have_is_left_out_and_fails_nothing():
         def measure() -> Measured:
             raise error
 
-        return Benchmark("name", "peer", 1.0, "x", measure)
+        return Benchmark("name", "what is measured", "peer", 1.0, "x", measure)
 
     rows, left_out = measure_all([missing(build.NotInstalled("libceres-dev is not installed"))], {})
     assert rows == [] and left_out == ["name is left out: libceres-dev is not installed"]

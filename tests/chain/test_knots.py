@@ -77,6 +77,13 @@ def test_an_interval_of_exactly_the_longest_gap_is_bridged():
     assert bool(knots.check(np.array(2.0)) == R.time_in_gap)
 
 
+def test_the_sample_after_a_time():
+    time = np.array([0.0, 0.5, 0.75, 3.0])
+    asked = np.array([-1.0, 0.0, 0.2, 0.5, 0.74, 2.9, 3.0, 4.0])
+    found = Knots(time, 10.0, "record").next_after(asked)
+    np.testing.assert_array_equal(found, [0.0, 0.5, 0.5, 0.75, 0.75, 3.0, np.inf, np.inf])
+
+
 def test_no_number_is_no_time():
     knots = Knots([0.0, 1.0], 1.5, "test")
     assert bool(knots.check(np.array(np.nan)) == R.time_outside_trajectory)

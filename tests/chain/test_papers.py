@@ -140,7 +140,7 @@ MISB_AXES = "y -z -x"  # boresight forward: camera x to the right, camera y up, 
 def misb(time, lat, lon, height, roll, pitch, heading, azimuth, elevation, gap):
     links = {
         "body": wj.Trajectory.from_geodetic(time, lat, lon, height, roll, pitch, heading, max_gap_s=gap),
-        "azimuth": wj.Turn("z", wj.Encoder(time, azimuth, gap)),
+        "azimuth": wj.Turn("z", wj.Encoder(time, azimuth, gap, wraps=False)),
         "elevation": wj.Turn("y", wj.Encoder(time, elevation, gap)),
         "camera_axes": wj.Axes(MISB_AXES),
     }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from whiskjax.chain.one_way import sweeping
+from whiskjax.chain.one_way import goes_one_way
 
 R = wj.RESULTS
 HZ, SPAN_S, SPEED_MPS, HEIGHT_M, FOCAL_PX = 500.0, 6.0, 50.0, 1000.0, 1000.0
@@ -40,7 +40,7 @@ def sightings(angle_rad, half_px, axis, point, window):
 
     A step back from one sample to the next, as far as the whole scan, is not scanned through.
     """
-    t = np.arange(*window, 2e-5)
+    t = np.arange(window[0], window[1], 2e-5)
     angle = np.interp(t, TIME_S, angle_rad)
     x, y, z = point[0] - SPEED_MPS * t, point[1], point[2] - HEIGHT_M
     s, c = np.sin(angle), np.cos(angle)
@@ -75,6 +75,12 @@ WINDOWS = [(0.0, 1.0), (0.5, 5.5), (2.03, 2.41), (1.0, 2.0)]
 SUCCESS, NONE, MANY = "seen once", "not seen", "seen more than once"
 
 
+def find(sensor, points, window):
+    """Each point has its window, so that all of these tests compile one function."""
+    window = tuple(np.broadcast_to(end, len(points)) for end in window)
+    return wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
+
+
 def outcome(result):
     results, names = (R.successful, R.outside_swath, R.seen_more_than_once), (SUCCESS, NONE, MANY)
     return np.select([np.asarray(result == r) for r in results], names, "something else")
@@ -87,7 +93,7 @@ def test_the_one_sighting_is_found_and_several_are_refused(case):
     told = set()
     for window in WINDOWS:
         seen = [sightings(angle, half, axis, point, window) for point in points]
-        found = wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
+        found = find(sensor, points, window)
         expected = np.array([(NONE, SUCCESS, MANY)[min(len(times), 2)] for times in seen])
         np.testing.assert_array_equal(outcome(found.result), expected)
         once = expected == SUCCESS
@@ -103,10 +109,19 @@ def made(case):
     return instrument(angle, half, axis)
 
 
+def test_the_rates_between_samples_bound_those_of_the_chain():
+    for case, axis in (("turbulence", "y"), ("2 scans a second", "x")):
+        angle = CASES[case][0]
+        moves = made(case).moves(wj.Shot())
+        assert CASES[case][2] == axis and len(moves.recorded) == (1 if axis == "y" else 2)
+        np.testing.assert_allclose(moves.turn_radps, np.abs(np.diff(angle)).max() * HZ, rtol=1e-6)
+        np.testing.assert_allclose(moves.speed_mps, SPEED_MPS, rtol=1e-12)
+
+
 def test_a_refusal_says_what_to_do():
     sensor, points = made("a wider detector"), ground(61)
     with pytest.raises(wj.SensorError, match="seen more than once within the given time window: give a narrower window"):
-        wj.ground_to_image(sensor, wj.Shot(), points, (0.0, 6.0))
+        wj.ground_to_image(sensor, wj.Shot(), points, (np.zeros(N), np.full(N, 6.0)))
 
 
 @pytest.mark.parametrize(
@@ -120,8 +135,8 @@ def test_a_refusal_says_what_to_do():
 )
 def test_where_the_line_sweeps_one_way(case, window, one_way):
     start, stop = jnp.asarray(window)
-    sweep = jax.jit(sweeping)(made(case), wj.Shot(), start, stop)
-    assert bool(sweep.goes_one_way(jnp.asarray(HEIGHT_M), stop - start)) == one_way
+    below = tuple(jnp.array([SPEED_MPS * window[0] + 20.0, 30.0, 0.0]))
+    assert bool(jax.jit(goes_one_way)(made(case), wj.Shot(), below, start, stop)) == one_way
 
 
 @pytest.mark.parametrize("window", [(1.01, 1.39), (1.01, 3.39)], ids=["one way", "to and fro"])
@@ -129,7 +144,7 @@ def test_many_points_are_found_as_few_are(window):
     """A shorter way to the same answer, where the line sweeps one way."""
     sensor, points = made("2 scans a second"), ground(63, 30 * N)
     many = wj.ground_to_image(sensor, wj.Shot(), points, window, throw=False)
-    few = [wj.ground_to_image(sensor, wj.Shot(), part, window, throw=False) for part in points.reshape(30, N, 3)]
+    few = [find(sensor, part, window) for part in points.reshape(30, N, 3)]
     np.testing.assert_array_equal(outcome(many.result), np.concatenate([outcome(found.result) for found in few]))
     np.testing.assert_allclose(many.time_s, np.concatenate([found.time_s for found in few]), rtol=0, atol=1e-12)
     assert 30 < np.isfinite(many.time_s).sum() < len(points)
@@ -137,18 +152,18 @@ def test_many_points_are_found_as_few_are(window):
 
 def test_what_is_seen_at_the_very_end_of_the_window_is_seen():
     sensor, points = made("2 scans a second"), ground(61)
-    whole = wj.ground_to_image(sensor, wj.Shot(), points, WINDOWS[1], throw=False)
+    whole = find(sensor, points, WINDOWS[1])
     seen = np.flatnonzero(np.asarray(whole.result == R.successful))
     time = np.asarray(whole.time_s)[np.resize(seen, N)]
     for window in ((time, time + 0.03), (time - 0.03, time), (time, time)):
-        found = wj.ground_to_image(sensor, wj.Shot(), points[np.resize(seen, N)], window)
+        found = find(sensor, points[np.resize(seen, N)], window)
         np.testing.assert_allclose(found.time_s, time, rtol=0, atol=1e-12)
         assert ((found.time_s >= window[0]) & (found.time_s <= window[1])).all()
 
 
 def test_points_alone_and_in_a_batch():
     sensor, points = made("2 scans a second"), ground(61)
-    batch = wj.ground_to_image(sensor, wj.Shot(), points, WINDOWS[1], throw=False)
+    batch = find(sensor, points, WINDOWS[1])
     alone = jax.jit(jax.vmap(lambda p: wj.ground_to_image(sensor, wj.Shot(), p, WINDOWS[1], throw=False)))(points)
     np.testing.assert_array_equal(outcome(alone.result), outcome(batch.result))
     np.testing.assert_allclose(alone.time_s, batch.time_s, rtol=0, atol=1e-12)
@@ -159,6 +174,7 @@ def test_one_point_seen_by_two_lines():
     sensor = made("turbulence")
     views = wj.By("view", {f"{offset:g}": wj.LineCamera(FOCAL_PX, offset_px=offset, along="y") for offset in (-60.0, 60.0)})
     level = wj.Trajectory(TIME_S, np.stack(sensor["body"].position_m, -1), np.tile([0.0, 0, 0, 1], (len(TIME_S), 1)), max_gap_s=1)
-    found = wj.ground_to_image(wj.Sensor({"body": level}, views), wj.Shot(view=np.array([0, 1])), [150.0, 30.0, 0.0], (0.0, 6.0))
+    point = np.array([150.0, 30.0, 0.0])
+    found = wj.ground_to_image(wj.Sensor({"body": level}, views), wj.Shot(view=np.array([0, 1])), point, (0.0, 6.0))
     # x = f (X - v t) / h is imaged at -+60 px.
     np.testing.assert_allclose(found.time_s, [(150 + 60) / SPEED_MPS, (150 - 60) / SPEED_MPS], rtol=0, atol=1e-9)

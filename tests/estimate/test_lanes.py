@@ -179,7 +179,7 @@ def test_bad_input_is_named(flights):
     with pytest.raises(wj.SensorError, match=r"observation 3, image L1, point L1-04: .*gap"):
         wj.images_of(sensor, late, unknowns, np.zeros((1, 15)))
     for shape in ((15,), (2, 14)):
-        with pytest.raises(wj.WhiskjaxError, match=r"values have shape .*, expected \(runs, 15\)"):
+        with pytest.raises(wj.WhiskjaxError, match=r"values has shape .*, expected \(runs, 15\)"):
             wj.images_of(sensor, observations, unknowns, np.zeros(shape))
 
 

@@ -88,9 +88,6 @@ class CubicLine(AbstractCamera):
         """The detector's ends are not known here."""
         return True
 
-    def ends(self) -> None:
-        """Not known."""
-
     def miss(self, q: Vec3) -> Component:
         """The detector lies in the plane x = 0: tangent of half the angle beside it."""
         return q[0] / (norm((q[0], q[2])) - q[2])

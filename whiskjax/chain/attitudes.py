@@ -63,7 +63,7 @@ class TurnSpline(AbstractTurning):
         first, last = step * leave, step * arrive
         terms = first, 3 * turn - 2 * first - last, first + last - 2 * turn
         self.first, self.second, self.third = map(unstack, terms)
-        self.is_small = bool((sum(np.linalg.norm(c, axis=1) for c in terms) < 2 * SMALL_RAD).all())
+        self.is_small = bool((np.linalg.norm(terms, axis=2).sum(axis=0) < 2 * SMALL_RAD).all())
 
     def since(self, i, w):
         """The rotation of the cubic."""

@@ -74,9 +74,9 @@ class AbstractCamera(eqx.Module):
     def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
         """Whether the pixel lies on the detector, where its size is known."""
 
-    @abc.abstractmethod
-    def ends(self) -> tuple[Component, Component] | None:
-        """First and last sample of a detector line, where they are known."""
+    def ends(self) -> tuple[Component, ...]:
+        """First and last sample of a detector line; nothing where there is none, or they are not known."""
+        return ()
 
     @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
@@ -273,9 +273,6 @@ class FrameCamera(AbstractCamera):
         wide, high = self.size_px[..., 0], self.size_px[..., 1]
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
-
-    def ends(self) -> None:
-        """A frame camera has no line."""
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

@@ -81,11 +81,11 @@ class ChosenCamera(AbstractCamera):
         """Whether the pixel lies on the chosen detector."""
         return self._choose(lambda camera: camera.sees(pixel), jnp.where)
 
-    def ends(self) -> tuple[Component, Component] | None:
+    def ends(self) -> tuple[Component, ...]:
         """Those of the chosen detector, where all have some."""
-        if any(camera.ends() is None for camera in self.cameras):
-            return None
-        return self._components(lambda camera: camera.ends())
+        if not all(camera.ends() for camera in self.cameras):
+            return ()
+        return self._components(lambda camera: camera.ends() or ())
 
     def miss(self, q: Vec3) -> Component:
         """The chosen camera's miss."""

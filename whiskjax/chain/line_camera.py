@@ -154,9 +154,9 @@ class LineCamera(AbstractCamera):
             return True
         return (pixel[0] >= self.samples_px[..., 0] - 0.5) & (pixel[0] <= self.samples_px[..., 1] + 0.5)
 
-    def ends(self) -> tuple[Component, Component] | None:
+    def ends(self) -> tuple[Component, ...]:
         """As given."""
-        return None if self.samples_px is None else (self.samples_px[..., 0], self.samples_px[..., 1])
+        return () if self.samples_px is None else (self.samples_px[..., 0], self.samples_px[..., 1])
 
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
@@ -274,7 +274,7 @@ class LookTable(AbstractCamera):
         """Between the first and the last look."""
         return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
 
-    def ends(self) -> tuple[Component, Component]:
+    def ends(self) -> tuple[Component, ...]:
         """The first and the last look."""
         return self.sample_px[0], self.sample_px[-1]
 

@@ -7,17 +7,16 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.implicit import implicit
-from ..algebra.vectors import Component, Vec3, norm, total, unstack, vsub
+from ..algebra.vectors import Component, Vec3, total, unstack
 from ..rules import RESULTS, Numbers, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import choose, failure_if
 from .bracket import CLOSE, between, close
 from .camera import AbstractCamera
-from .imaging import begin, centre, finish, finite, image, into_camera, take_point
-from .one_way import sweeping
+from .imaging import begin, finish, finite, image, into_camera, take_point
+from .one_way import goes_one_way
 from .sensor import Sensor
 from .shot import Shot
 from .walk import BESIDE, NOTHING, Crossings, crossings
@@ -61,26 +60,30 @@ def exposure_time(
     return t, result
 
 
-def _chains(sensor: Sensor, shot: Shot) -> float:
-    """How many chains there are at one time: one, or as many as shots have keys; infinite where the detector has no ends."""
+def _chains(sensor: Sensor, shot: Shot, start_s: Component) -> float:
+    """How many chains there are, one for each window and for each key; infinite where the detector has no ends."""
 
     def chain(t: Component) -> Any:
         at = dataclasses.replace(shot, time_s=t)
         return sensor.pose(at), sensor.camera_at(at).ends()
 
-    *_, ends = found = jax.eval_shape(chain, jnp.zeros(()))
-    return math.inf if ends is None else max(leaf.size for leaf in jax.tree.leaves(found))
+    found = jax.eval_shape(chain, start_s)
+    return max(leaf.size for leaf in jax.tree.leaves(found)) if found[1] else math.inf
 
 
-def _many(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool) -> Crossings:
-    """As `crossings`, sooner: where the line sweeps one way the two ends of a window enclose what there is."""
+def _many(
+    sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, one_each: Array, clip: bool
+) -> Crossings:
+    """As `crossings`, sooner: where the line sweeps one way the two ends of a window enclose what there is.
+
+    **Arguments:** `start_s`, `stop_s`: as they were given; `one_each`: zeros of the full batch shape.
+    """
 
     def miss(t: Component) -> Component:
         return _miss(sensor, shot, point, t)
 
-    first, last = jnp.min(start_s), jnp.max(stop_s)
-    distance = norm(vsub(point, centre(sensor, dataclasses.replace(shot, time_s=first))))
-    once = sweeping(sensor, shot, first, last).goes_one_way(distance, last - first)
+    once = one_each.astype(bool) | goes_one_way(sensor, shot, point, start_s, stop_s)
+    start_s, stop_s = start_s + one_each, stop_s + one_each
     at_start, at_stop = miss(start_s), miss(stop_s)
     begins_there = jnp.abs(at_start) <= CLOSE
     enclosed = once & (begins_there | (at_start * at_stop <= 0))
@@ -105,12 +108,15 @@ def _many(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: C
 def _found(
     sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool
 ) -> tuple[Component, RESULTS]:
+    start_s, stop_s = jnp.broadcast_arrays(start_s, stop_s)
     # A batch shape that holds the point, the window and the keys.
     one_each = total(jnp.zeros_like(c) for c in (*point, start_s, stop_s))
     one_each = jnp.zeros(jax.eval_shape(lambda t: _miss(sensor, shot, point, t), one_each).shape)
     start, stop = start_s + one_each, stop_s + one_each
-    search = _many if one_each.size >= _MANY * _chains(sensor, shot) else crossings
-    found = search(sensor, shot, point, start, stop, clip)
+    if one_each.size < _MANY * _chains(sensor, shot, start_s):
+        found = crossings(sensor, shot, point, start, stop, clip)
+    else:
+        found = _many(sensor, shot, point, start_s, stop_s, one_each, clip)
     t, crosses = found.time_s, found.worth > NOTHING
     (value,), (rate,) = jax.jvp(lambda t: _offset((t,), sensor, shot, point), (t,), (jnp.ones_like(t),))
     step = value / jnp.where(rate == 0, 1.0, rate)
@@ -180,7 +186,7 @@ def ground_to_image(
             else "a frame camera exposes the image at once: leave window_s out"
         )
     if window_s is not None:
-        if np.ndim(window_s) == 0 or len(window_s) != 2:
+        if not hasattr(window_s, "__len__") or len(window_s) != 2:
             arrays.refuse("window_s", f"is {window_s!r}; the first and the last time are expected, (start, stop)")
         start, stop = (arrays.take("window_s", w, "...", absolute=True) for w in window_s)
         window_s = jnp.asarray(start), jnp.asarray(stop)

@@ -85,10 +85,11 @@ class Trajectory(AbstractLink):
         """
         require_x64("Trajectory")
         arrays = Arrays("Trajectory")
+        recorded_s = arrays.take("time_s", time_s, "n", absolute=True)
         position = np.asarray(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
         quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
         velocity = arrays.take("velocity_mps", velocity_mps, "n 3", optional=True, absolute=True, finite=True)
-        self.knots = Knots(arrays.take("time_s", time_s, "n", absolute=True), max_gap_s, "Trajectory")
+        self.knots = Knots(recorded_s, max_gap_s, "Trajectory")
         quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
         velocity = None if velocity is None else np.asarray(velocity)
         time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)

@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..algebra.vectors import Component, Vec3, norm
+from ..algebra.vectors import Component, Vec3, dot, norm, scale, vadd
 from ..rules import first_failure
 from ..rules.results import is_successful
 from .bracket import CLOSE, MOST_STEPS, Bracket, between
+from .camera import AbstractCamera
 from .imaging import finite, into_camera
 from .knots import take
 from .link import Moves
@@ -106,7 +107,10 @@ def crossings(
         is_closing = pick(~is_close & ~gives_up, opens)
         reached = pick(now.t, t)
         bracket = jax.tree.map(pick, now.bracket.closed(t, miss), between(now.t, now.miss, t, miss, 0 * now.bracket.steps))
-        following = pick(now.stop, jnp.minimum(_next_stop(moves, t, miss, norm(q), stop_s - start_s), stop_s))
+        away = 2 * jnp.arctan(jnp.abs(miss))
+        if clip:
+            away = jnp.maximum(away, _beside_the_field(camera, q))
+        following = pick(now.stop, jnp.minimum(_next_stop(moves, t, away, norm(q), stop_s - start_s), stop_s))
         new = _Walk(reached, pick(now.miss, miss), following, bracket, is_closing, ~is_closing & ~(reached < stop_s), found)
         return jax.tree.map(lambda old, new: jnp.where(now.is_done, old, new), now, new)
 
@@ -117,17 +121,31 @@ def crossings(
     return jax.lax.while_loop(lambda now: ~jnp.all(now.is_done), step, first).found
 
 
-def _next_stop(moves: Moves, t: Component, miss: Component, distance: Component, window_s: Component) -> Component:
-    """The next recorded sample; or, further on, where the point can at the earliest be on the line."""
+def _beside_the_field(camera: AbstractCamera, q: Vec3) -> Component:
+    """By which angle a direction misses the cone around the middle of the detector that holds its ends, if they are known."""
+    units = []
+    for end in camera.ends():
+        direction = camera.direction((end, jnp.zeros_like(end)))
+        units.append(scale(1 / norm(direction), direction))
+    if not units:
+        return jnp.zeros(())
+    middle = vadd(*units)
+    middle = scale(1 / norm(middle), middle)
+    to_end, to_point = (jnp.arccos(jnp.clip(c, -1.0, 1.0)) for c in (dot(middle, units[0]), dot(middle, q) / norm(q)))
+    return to_point - to_end
+
+
+def _next_stop(moves: Moves, t: Component, away: Component, distance: Component, window_s: Component) -> Component:
+    """The next recorded sample; or, further on, when a point that is an angle away can at the earliest be on the detector."""
     sample = jnp.full_like(t, jnp.inf)
     for record in moves.recorded:
         sample = jnp.minimum(sample, record.knots.next_after(t + record.delay_s) - record.delay_s)
     # While the platform makes a third of the way to the point, its motion turns the direction at most half as fast again.
     rate = moves.turn_radps + 1.5 * moves.speed_mps / distance
-    stride = _SHARE * 2 * jnp.arctan(jnp.abs(miss)) / jnp.maximum(rate, 1e-12)
+    stride = _SHARE * away / jnp.maximum(rate, 1e-12)
     stride = jnp.minimum(stride, distance / (3 * jnp.maximum(moves.speed_mps, 1e-12)))
     following = jnp.maximum(jnp.maximum(sample, t + stride), t + _SHORTEST * window_s)
-    return jnp.where(jnp.isfinite(miss), following, jnp.inf)
+    return jnp.where(jnp.isfinite(away), following, jnp.inf)
 
 
 def _leaps(moves: Moves, t: Component) -> Bool[Array, "..."]:

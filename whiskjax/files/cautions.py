@@ -36,18 +36,20 @@ def of_positions(table: Table, time_s: Float[np.ndarray, " n"], found: Samples, 
             (POSITION, found.position_m, _LEAST_M, "m"),
             (ATTITUDE, found.quaternion, _LEAST_DEG, "deg"),
         ):
-            out += _alone(table, f"the {quantity.what}", departures(quantity.distance, dt, values), least, unit)
+            beside = _within(departures(quantity.distance, dt, values), dt, max_gap_s)
+            out += _alone(table, f"the {quantity.what}", beside, least, unit)
         if found.velocity_mps is not None:
-            out += _velocities_that_drift(table, time_s, found, max_gap_s)
+            out += _velocities_that_drift(table, time_s, found.position_m, found.velocity_mps, max_gap_s)
         if "heading_deg" in table:
             out += _headings_aside(table, time_s, found, max_gap_s)
     return out
 
 
-def of_encoder(table: Table, column: str, rows: np.ndarray) -> list[str]:
+def of_encoder(table: Table, column: str, rows: np.ndarray, max_gap_s: float) -> list[str]:
     """A caution about one encoder, sampled in some rows of a table."""
     angle = np.unwrap(table[column][rows], period=360)[:, None]
-    beside = departures(lambda a, b: np.abs(a - b)[:, 0], np.diff(table["time_s"][rows]), angle)
+    dt = np.diff(table["time_s"][rows])
+    beside = _within(departures(lambda a, b: np.abs(a - b)[:, 0], dt, angle), dt, max_gap_s)
     return _alone(table, column, beside, _LEAST_DEG, "deg", rows)
 
 
@@ -78,6 +80,12 @@ def of_lines(table: Table, rows: Iterable[list[int]]) -> list[str]:
     return [f"{table.place(int(pairs[i, 1]), 'time_s')}: a line before it takes {each[i]:.3g} s, of all others {usual:.3g} s."]
 
 
+def _within(beside: np.ndarray, dt: np.ndarray, max_gap_s: float) -> Float[np.ndarray, " n"]:
+    """Zero where a neighbour lies beyond a gap: nothing is asked across it."""
+    joined = dt <= max_gap_s
+    return np.where(np.append(np.append(False, joined[:-1] & joined[1:]), False), beside, 0.0)
+
+
 def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str, rows: np.ndarray | None = None) -> list[str]:
     """Records that leave the line of their neighbours and come back: theirs is the largest of three, twice the other two."""
     usual = float(np.median(beside[1:-1])) if len(beside) > 2 else np.inf
@@ -91,8 +99,10 @@ def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str,
     return [f"{table.place(row)}: {what} is {beside[i]:.3g} {unit} beside the line between its neighbours, and back{more}."]
 
 
-def _velocities_that_drift(table: Table, time_s: np.ndarray, found: Samples, max_gap_s: float) -> list[str]:
-    w = ways(time_s, found.position_m, found.velocity_mps, max_gap_s, _WINDOW_S)
+def _velocities_that_drift(
+    table: Table, time_s: np.ndarray, position_m: np.ndarray, velocity_mps: np.ndarray, max_gap_s: float
+) -> list[str]:
+    w = ways(time_s, position_m, velocity_mps, max_gap_s, _WINDOW_S)
     apart = np.linalg.norm(w.by_positions_m - w.by_velocities_m, axis=1)
     way = np.maximum(*(np.linalg.norm(flown, axis=1) for flown in (w.by_positions_m, w.by_velocities_m)))
     odd = apart > _PART * way + _DRIFT_M

@@ -206,7 +206,7 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
     refuse_codes(table, column, np.flatnonzero(sampled))
-    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled)))
+    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled), _max_gap(entry, source, place)))
     time, angle, gap = table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place)
     _, unclear = unwrapped(time, angle, np.diff(time) > gap, entry.wraps)
     if unclear:

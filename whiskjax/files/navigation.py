@@ -169,7 +169,8 @@ def samples(table: Table, world: str, angles: str) -> Samples:
     position, n = positions(table, world), len(table)
     lat_lon = _lat_lon(table, position, world, angles)
     a = [np.asarray(table[name]) for name in ATTITUDE[angles]]
-    radians = lambda rows: (np.radians(column[rows]) for column in a)
+    first, second, third = a[:3]
+    radians = lambda rows: (np.radians(first[rows]), np.radians(second[rows]), np.radians(third[rows]))
     if angles == "roll_pitch_heading":
         ned = lambda rows: _NED_IN_LOCAL if world == "local" else ned_in_ecef(*(c[rows] for c in lat_lon))
         quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(ned(rows), body_in_ned(*radians(rows))))

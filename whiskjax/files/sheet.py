@@ -52,7 +52,7 @@ class Sheet:
         large = self.csv.path.stat().st_size >= fast_csv.WORTH_BYTES
         found = fast_csv.read_columns(self.csv.path, self.header, numbers, texts) if large else None
         if found is None:
-            found = texts_of(self.csv, self.header, [column.name for column in wanted])
+            found = dict[str, Any](texts_of(self.csv, self.header, [column.name for column in wanted]))
         for column in wanted:
             check = self._texts if column.name in texts else self._numbers
             found[column.name] = check(column, found[column.name])
