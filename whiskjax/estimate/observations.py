@@ -15,6 +15,9 @@ from ..rules import WhiskjaxError
 class Observations:
     """Image measurements of points with known coordinates; residual = measured - projected, in pixels.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments** (n observations):
 
     - `shot`: time and keys, each (n,).
