@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# The lowest versions that pyproject.toml allows, in an environment of their own.
+LOWEST := .venv-lowest
 # Twice quiet: errors are shown, the chatter of a machine's own pip configuration is not.
 INSTALL := $(BIN)/pip install --quiet --quiet --disable-pip-version-check -c constraints.txt -e
 
@@ -19,16 +21,17 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1
 # (notebooks, demo, benchmarks) runs the code as users have it.
 QUICK := XLA_FLAGS="--xla_llvm_disable_expensive_passes=true $(XLA_FLAGS)"
 
-.PHONY: help demo test lint format types notebooks bench gate clean distclean
+.PHONY: help demo test lowest lint format types notebooks bench gate clean distclean
 
 help:
 	@echo "make demo       calibrate the bundled flight and write out/haian/report.html"
 	@echo "make test       run the tests"
+	@echo "make lowest     install the lowest versions that pyproject.toml allows, and run a few tests and the demo with them"
 	@echo "make lint       check style and formatting (make format mends what it can)"
 	@echo "make types      check the types"
 	@echo "make notebooks  execute every notebook in a temporary copy"
 	@echo "make bench      measure speed against the peers; make gate also fails when a ratio is too high"
-	@echo "make clean      remove what these commands wrote; make distclean removes $(VENV) as well"
+	@echo "make clean      remove what these commands wrote; make distclean removes $(VENV) and $(LOWEST) as well"
 
 # The stamps $(VENV)/.app and $(VENV)/.dev are newer than pyproject.toml and constraints.txt while an install is current.
 $(BIN)/pip:
@@ -51,6 +54,19 @@ demo: $(VENV)/.app
 
 test: $(VENV)/.dev
 	$(QUICK) $(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+
+$(LOWEST)/.done: pyproject.toml constraints-lowest.txt | $(BIN)/pip
+	@echo "Installing the lowest versions into $(LOWEST)"
+	@$(PYTHON) -m venv $(LOWEST)
+	@$(LOWEST)/bin/pip install --quiet --quiet --disable-pip-version-check -c constraints-lowest.txt \
+		-e ".[app]" hypothesis packaging pyproj pytest scipy
+	@touch $@
+
+# Few compilations, every room: float64, files, a simulated flight, and one calibration from the command line to its report.
+lowest: $(LOWEST)/.done
+	$(LOWEST)/bin/python -m tests.lowest
+	$(QUICK) $(LOWEST)/bin/python -m pytest -p no:cacheprovider tests/rules tests/files/test_docs.py tests/app/test_example.py $(ARGS)
+	$(QUICK) $(LOWEST)/bin/whiskjax calibrate examples/haian --out out/lowest
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check
@@ -75,7 +91,7 @@ gate: $(VENV)/.dev
 
 clean:
 	rm -rf out dist build .cache .hypothesis .pytest_cache .ruff_cache benchmarks/peers/build
-	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +
+	find . \( -path ./$(VENV) -o -path ./$(LOWEST) \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(LOWEST)

@@ -186,7 +186,7 @@ def test_epochs_determine_the_coefficients(kind):
 @pytest.mark.parametrize(
     "starts, nodes, message",
     [
-        ((100.0, 300.0), (6,), "2 starts for 1 numbers of nodes"),
+        ((100.0, 300.0), (6,), r"nodes has shape \(1,\), expected \(segments,\) with segments = 2 as start_s has"),
         ((100.0, 300.0), (6, 3), "at least 4 are needed, not 3"),
         ((300.0, 100.0), (6, 6), r"segment 1 starts at 100 s, before segment 0 ends at 320 s: .*order in which they were flown"),
         ((100.0, 119.0), (6, 6), "segment 1 starts at 119 s, before segment 0 ends at 120 s"),

@@ -293,9 +293,13 @@ def test_no_number_is_no_point(bad):
 @pytest.mark.parametrize(
     "door, value, message",
     [
-        (lambda v: wj.ray(RICH, SHOT, v), np.zeros(3), r"ray: the last axis has 2 entries, but the shape is \(3,\)"),
-        (lambda v: wj.project(RICH, SHOT, v), np.zeros((3, 2)), r"project: the last axis has 3 entries"),
-        (lambda v: wj.ground_to_image(RICH, SHOT, v, (1.0, 9.0)), np.zeros(()), r"ground_to_image: the last axis has 3"),
+        (lambda v: wj.ray(RICH, SHOT, v), np.zeros(3), r"ray: pixel_px has shape \(3,\), expected \(\.\.\., 2\)"),
+        (lambda v: wj.project(RICH, SHOT, v), np.zeros((3, 2)), r"project: point_m has shape \(3, 2\), expected \(\.\.\., 3\)"),
+        (
+            lambda v: wj.ground_to_image(RICH, SHOT, v, (1.0, 9.0)),
+            np.zeros(()),
+            r"ground_to_image: point_m has shape \(\), expected \(\.\.\., 3\)",
+        ),
     ],
 )
 def test_the_wrong_shape_is_refused(door, value, message):

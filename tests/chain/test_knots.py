@@ -87,12 +87,12 @@ def test_no_number_is_no_time():
     [
         ([0.0, 1.0, 1.0, 2.0], 1.0, r"POS: .*time of sample 2 .*1\.0.* repeats that of sample 1"),
         ([0.0, 2.0, 1.0, 3.0], 1.0, r"POS: .*time of sample 2 .* is earlier than that of sample 1.*sort"),
-        ([0.0, 1.0, np.nan, 2.0], 1.0, r"POS: the time of sample 2 is not a finite number"),
-        ([0.0, np.inf], 1.0, r"POS: the time of sample 1 is not a finite number"),
-        ([0.0], 1.0, r"POS: at least two"),
-        ([[0.0, 1.0]], 1.0, r"POS: at least two"),
-        ([0.0, 1.0], 0.0, r"POS: max_gap_s must be positive"),
-        ([0.0, 1.0], np.nan, r"POS: max_gap_s must be positive"),
+        ([0.0, 1.0, np.nan, 2.0], 1.0, r"POS: time_s holds no finite number at index \(2,\)"),
+        ([0.0, np.inf], 1.0, r"POS: time_s holds no finite number at index \(1,\)"),
+        ([0.0], 1.0, r"POS: time_s has shape \(1,\); at least two"),
+        ([[0.0, 1.0]], 1.0, r"POS: time_s has shape \(1, 2\), expected \(n,\)"),
+        ([0.0, 1.0], 0.0, r"POS: max_gap_s is 0; it must be above 0"),
+        ([0.0, 1.0], np.nan, r"POS: max_gap_s is nan; it must be above 0"),
     ],
 )
 def test_what_is_wrong_with_the_times_is_named(time, gap, message):

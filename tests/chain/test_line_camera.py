@@ -116,7 +116,7 @@ def test_what_lies_behind_is_flagged():
 
 
 @pytest.mark.parametrize(
-    "arguments, message", [({"focal_px": -5.0}, "positive"), ({"focal_px": 5.0, "along": "z"}, "along x or y, not 'z'")]
+    "arguments, message", [({"focal_px": -5.0}, "must be above 0"), ({"focal_px": 5.0, "along": "z"}, "along x or y, not 'z'")]
 )
 def test_a_wrong_line_camera_is_refused(arguments, message):
     with pytest.raises(wj.WhiskjaxError, match=message):
@@ -202,7 +202,11 @@ def test_a_look_table_ends():
     "sample, direction, message",
     [
         ([0.0], [[0, 0, -1.0]], "at least two samples"),
-        ([0.0, 1.0], [[0, 0, -1.0]], "as many directions"),
+        (
+            [0.0, 1.0],
+            [[0, 0, -1.0]],
+            r"direction has shape \(1, 3\), expected \(n, 3\): one direction for each sample with n = 2",
+        ),
         ([0.0, 0.0], [[0, 0, -1.0], [1, 0, -1.0]], "must increase"),
         ([0.0, 1.0], [[0, 0, 1.0], [1, 0, 1.0]], "looks along -z"),
         ([0.0, 1.0], [[0, 0, np.nan], [1, 0, -1.0]], "looks along -z"),

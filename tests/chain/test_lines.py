@@ -53,9 +53,9 @@ def test_derivatives():
     [
         ([0, 1, 1], [0, 1, 2], "L1: the lines of its line table must increase"),
         ([0, 1, 2], [0, 2, 1], "L1: the times of its line table must increase"),
-        ([0, 1, 2], [0, np.nan, 1], "L1: the times of its line table must increase"),
-        ([0], [0], "L1: at least two"),
-        ([0, 1], [0, 1, 2], "L1: at least two"),
+        ([0, 1, 2], [0, np.nan, 1], r"L1: time_s holds no finite number at index \(1,\)"),
+        ([0], [0], r"L1: line has shape \(1,\); at least two"),
+        ([0, 1], [0, 1, 2], r"L1: time_s has shape \(3,\), expected \(lines,\) with lines = 2 as line has"),
     ],
 )
 def test_what_is_wrong_is_named(line, time, message):

@@ -159,13 +159,13 @@ GOOD = {"time_s": TIME_S[:3], "position_m": POSITION[:3], "quaternion_xyzw": np.
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"position_m": POSITION[:2]}, r"position has shape \(2, 3\), expected \(3, 3\)"),
-        ({"quaternion_xyzw": np.eye(4)}, r"quaternion has shape \(4, 4\), expected \(3, 4\)"),
-        ({"velocity_mps": VELOCITY[:4]}, r"velocity has shape \(4, 3\), expected \(3, 3\)"),
-        ({"position_m": np.full((3, 3), np.nan)}, "position of sample 0 is not finite"),
-        ({"velocity_mps": [[0, 0, 0], [0, np.inf, 0], [0, 0, 0]]}, "velocity of sample 1 is not finite"),
+        ({"position_m": POSITION[:2]}, r"Trajectory: position_m has shape \(2, 3\), expected \(n, 3\) with n = 3"),
+        ({"quaternion_xyzw": np.eye(4)}, r"quaternion_xyzw has shape \(4, 4\), expected \(n, 4\) with n = 3"),
+        ({"velocity_mps": VELOCITY[:4]}, r"velocity_mps has shape \(4, 3\), expected \(n, 3\) with n = 3"),
+        ({"position_m": np.full((3, 3), np.nan)}, r"position_m holds no finite number at index \(0, 0\)"),
+        ({"velocity_mps": [[0, 0, 0], [0, np.inf, 0], [0, 0, 0]]}, r"velocity_mps holds no finite number at index \(1, 1\)"),
         ({"quaternion_xyzw": [[0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 0]]}, "quaternion of sample 2 has length 0"),
-        ({"time_s": [0.0, 1.0, 1.0]}, "trajectory: .*sample 2.* repeats"),
+        ({"time_s": [0.0, 1.0, 1.0]}, "Trajectory: .*sample 2.* repeats"),
     ],
 )
 def test_what_is_wrong_with_the_samples_is_named(change, message):
@@ -176,14 +176,14 @@ def test_what_is_wrong_with_the_samples_is_named(change, message):
 @pytest.mark.parametrize(
     "column, value, message",
     [
-        (1, 120.5, "latitude of sample 4 is 120.5 rad.*radians are expected.*latitude before longitude"),
-        (1, np.radians(120.5), "latitude of sample 4"),
-        (2, 120.5, "longitude of sample 4"),
-        (4, np.radians(2000.0), "roll of sample 4"),
-        (5, 2.0, "pitch of sample 4"),
-        (6, 30.0, "heading of sample 4"),
-        (4, np.nan, "roll of sample 4"),
-        (3, np.nan, "not finite"),
+        (1, 120.5, r"lat_rad is 120.5 at index \(4,\).*radians are expected.*latitude before longitude"),
+        (1, np.radians(120.5), r"lat_rad is 2.103\d* at index \(4,\).*latitude before longitude"),
+        (2, 120.5, r"lon_rad is 120.5 at index \(4,\).*radians are expected"),
+        (4, np.radians(2000.0), r"roll_rad is 34.9\d* at index \(4,\)"),
+        (5, 45.0, r"pitch_rad is 45 at index \(4,\)"),
+        (6, 30.0, r"heading_rad is 30 at index \(4,\)"),
+        (4, np.nan, r"roll_rad holds no finite number at index \(4,\)"),
+        (3, np.nan, r"height_m holds no finite number at index \(4,\)"),
     ],
 )
 def test_degrees_and_swapped_columns_are_refused(column, value, message):
@@ -256,10 +256,10 @@ def test_a_shot_without_an_image_is_refused_with_the_remedy():
 @pytest.mark.parametrize(
     "position, quaternion, message",
     [
-        (POSITION[:2], np.eye(4)[:3], r"positions \(2, 3\) and quaternions \(3, 4\)"),
-        (POSITION[0], np.eye(4)[:1], "positions"),
-        (POSITION[:1] * np.nan, np.eye(4)[:1], "position of image 0 is not finite"),
-        (POSITION[:2], np.array([[0, 0, 0, 1], [0, 0, np.nan, 1]]), "quaternion of image 1 is not finite"),
+        (POSITION[:2], np.eye(4)[:3], r"quaternion_xyzw has shape \(3, 4\), expected \(images, 4\) with images = 2"),
+        (POSITION[0], np.eye(4)[:1], r"PosePerImage: position_m has shape \(3,\)"),
+        (POSITION[:1] * np.nan, np.eye(4)[:1], r"position_m holds no finite number at index \(0, 0\)"),
+        (POSITION[:2], np.array([[0, 0, 0, 1], [0, 0, np.nan, 1]]), r"quaternion_xyzw holds no finite number at index \(1, 2\)"),
         (POSITION[:2], np.array([[0, 0, 0, 1.0], [0, 0, 0, 0]]), "quaternion of image 1"),
     ],
 )

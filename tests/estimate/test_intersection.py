@@ -165,8 +165,8 @@ def test_no_number_is_flagged():
 @pytest.mark.parametrize(
     "pixel, point, message",
     [
-        (np.zeros((3, 2)), np.array([0, 1]), "not \\(rays, 2\\) and \\(rays,\\)"),
-        (np.zeros((2, 3)), np.array([0, 1]), "not \\(rays, 2\\) and \\(rays,\\)"),
+        (np.zeros((3, 2)), np.array([0, 1]), r"point_index has shape \(2,\), expected \(rays,\) with rays = 3"),
+        (np.zeros((2, 3)), np.array([0, 1]), r"pixel_px has shape \(2, 3\), expected \(rays, 2\)"),
         (np.zeros((2, 2)), np.array([0, 2]), "without holes"),
         (np.zeros((2, 2)), np.array([-1, 0]), "without holes"),
         (np.zeros((0, 2)), np.zeros(0, int), "no rays|at least one ray|without"),

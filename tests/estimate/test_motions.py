@@ -90,9 +90,13 @@ BIAS = wj.Correction(wj.Bias())
         (BIAS, {}, "pos: all sigmas are zero, so there is nothing to estimate"),
         (wj.Mount(), {"shift_sigma_m": (1.0, 1.0, 1.0)}, "pos is a Mount, and only a Correction makes motions"),
         (wj.By("image", {"a": BIAS, "b": wj.Mount()}), {"shift_sigma_m": (1.0, 1.0, 1.0)}, "Mount, and only a Correction"),
-        (BIAS, {"shift_sigma_m": (1.0, -1.0, 0.0)}, "shift_sigma_m: three numbers are needed, zero or positive"),
-        (BIAS, {"turn_sigma_rad": (math.nan, 1.0, 0.0)}, "turn_sigma_rad: three numbers are needed, zero or positive"),
-        (BIAS, {"turn_sigma_rad": (1.0, 2.0)}, "turn_sigma_rad: three numbers are needed"),
+        (
+            BIAS,
+            {"shift_sigma_m": (1.0, -1.0, 0.0)},
+            r"motion_unknowns: shift_sigma_m is -1 at index \(1,\); it must be 0 or more",
+        ),
+        (BIAS, {"turn_sigma_rad": (math.nan, 1.0, 0.0)}, "turn_sigma_rad holds no finite number"),
+        (BIAS, {"turn_sigma_rad": (1.0, 2.0)}, r"turn_sigma_rad has shape \(2,\), expected \(3,\)"),
     ],
 )
 def test_motions_that_make_no_sense(link, sigmas, message):

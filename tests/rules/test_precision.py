@@ -1,7 +1,6 @@
 """float32 is refused where it would be wrong without saying so."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -50,9 +49,3 @@ def test_float32_is_refused_with_the_line_to_paste(name, frame):
 @pytest.mark.parametrize("name", [n for n in REFUSED if n != "intersect"])
 def test_float64_is_accepted(name, frame):
     REFUSED[name](frame)
-
-
-def test_doors_take_float32_arrays_as_float64():
-    point = wj.geodetic_to_ecef(jnp.float32(0.5), jnp.float32(0.25), jnp.float32(10.0))
-    assert point.dtype == jnp.float64
-    np.testing.assert_array_equal(point, wj.geodetic_to_ecef(0.5, 0.25, 10.0))

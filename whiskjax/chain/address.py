@@ -35,7 +35,7 @@ _FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?$"
 
 def parse(text: str) -> Address:
     """**Raises:** `WhiskjaxError` where the text is not of the form link.field[i] or link.option.field[i]."""
-    match = _FORM.match(text.strip())
+    match = _FORM.match(text.strip()) if isinstance(text, str) else None
     if match is None:
         raise WhiskjaxError(
             f"{text!r} is no place in a sensor; places look like 'platform.left.angles_rad[0]' or 'camera.focal_px'"

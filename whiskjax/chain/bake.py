@@ -7,6 +7,7 @@ only thing that is batched, and what remains to be traced is the few links that 
 import dataclasses
 from collections.abc import Collection
 
+from ..rules import Arrays, need
 from .link import AbstractLink, Given
 from .sensor import Sensor
 from .shot import Shot
@@ -24,6 +25,11 @@ def bake(sensor: Sensor, shots: Shot, free: Collection[str], joints: Collection[
     **Returns:** the baked sensor, whose merged links keep the name of the innermost frame they lead to, and the shots that carry
     their poses.
     """
+    need("bake", "sensor", sensor, Sensor)
+    need("bake", "shots", shots, Shot, "Shot(time_s=...)")
+    for argument, names in (("free", free), ("joints", joints)):
+        if isinstance(names, str) or not isinstance(names, Collection):
+            Arrays("bake").refuse(argument, f"is a list of names, not {names!r}")
     for name in (*free, *joints):
         if name != "camera":
             sensor[name]

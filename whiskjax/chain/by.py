@@ -1,5 +1,6 @@
 """One link, or one camera, for each swing, view, strip or image."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,10 +9,11 @@ import jax
 import jax.numpy as jnp
 
 from ..algebra.vectors import Component
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, Arrays, WhiskjaxError, need
 from ..rules.results import choose
+from .camera import AbstractCamera
 from .chosen_camera import chosen_camera
-from .link import AbstractLink
+from .link import AbstractLink, Moves
 from .pose import Pose
 from .shot import KEYS, Shot
 
@@ -31,8 +33,13 @@ class By(AbstractLink):
         """**Arguments:** the key ("image", "swing", "view" or "strip") and the options by name: links, or cameras."""
         if key not in KEYS:
             raise WhiskjaxError(f"options are told apart by one of {', '.join(KEYS)}, not {key!r}")
+        need("By", "options", options, Mapping, 'a dict of links or cameras by name, as {"left": Mount(...)}')
         if not options:
             raise WhiskjaxError(f"By({key!r}) needs at least one option")
+        for name, option in options.items():
+            need("By", f"options[{name!r}]", option, (AbstractLink, AbstractCamera))
+        if len({is_camera(option) for option in options.values()}) > 1:
+            raise WhiskjaxError(f"By({key!r}): its options are links or cameras, not some of each")
         self.key, self.names, self.options = key, tuple(options), tuple(options.values())
 
     def __getitem__(self, name: str) -> Any:
@@ -59,6 +66,17 @@ class By(AbstractLink):
         key = self._key_of(shot)
         return self.options[key].chosen(shot) if isinstance(key, int) else self
 
+    def moves(self, shot: Shot) -> Moves:
+        """As the option of all shots, or as any of them: the samples of all, and the fastest."""
+        key = self._key_of(shot)
+        chosen = self.options if not isinstance(key, int) else self.options[key : key + 1]
+        of_each = [option.moves(shot) for option in chosen]
+        return Moves(
+            tuple(record for moves in of_each for record in moves.recorded),
+            functools.reduce(jnp.maximum, [moves.turn_radps for moves in of_each]),
+            functools.reduce(jnp.maximum, [moves.speed_mps for moves in of_each]),
+        )
+
     def pose(self, shot: Shot) -> Pose:
         """The pose of the option of each shot."""
         key = self._key_of(shot)
@@ -82,6 +100,24 @@ class By(AbstractLink):
         for i, option in enumerate(self.options):
             result = choose(key == i, option.check(shot), result)
         return result
+
+
+def is_camera(part: Any) -> bool:
+    """Whether this is a camera, or several told apart by a key."""
+    return is_camera(part.options[0]) if isinstance(part, By) else isinstance(part, AbstractCamera)
+
+
+def fit(arrays: Arrays, name: str, part: Any, shot: Shot) -> None:
+    """Whether what a link or camera holds for each shot fits the other arguments of somebody; options that do not act need not.
+
+    **Raises:** `WhiskjaxError` naming the link.
+    """
+    if not isinstance(part, By):
+        arrays.fit(f"sensor[{name!r}]", part.batch_shape, "...")
+        return
+    key = getattr(shot, part.key)
+    for option in part.options[key : key + 1] if isinstance(key, int) and key >= 0 else part.options:
+        fit(arrays, name, option, shot)
 
 
 def _select(key: Any, choices: list[Pose]) -> Pose:

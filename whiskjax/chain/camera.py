@@ -13,10 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..algebra.vectors import Component, Vec2, Vec3
-from ..rules import RESULTS, WhiskjaxError, is_traced
+from ..algebra.implicit import implicit
+from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError
 from ..rules.results import choose, failure_if
 from .shot import Shot
+
+# Newton steps from the distorted to the undistorted coordinates.
+_NEWTON_STEPS = 6
 
 
 def parameter(value: Any) -> Any:
@@ -24,15 +28,18 @@ def parameter(value: Any) -> Any:
     return None if value is None else jnp.asarray(value, dtype=float)
 
 
-def positive_focal(focal_px: Any) -> None:
-    """Refuse a focal length that is not positive; silent while tracing or inside tree operations."""
-    if isinstance(focal_px, np.ndarray | jax.Array) and not is_traced(focal_px):
-        if not bool(np.all(np.asarray(focal_px) > 0)):
-            raise WhiskjaxError(f"the focal length is a positive number of pixels, not {np.asarray(focal_px)}")
+def common_batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
+    """The batch shape that fields have in common: each with the number of its own dimensions; None has none."""
+    return np.broadcast_shapes(*(np.shape(a)[: np.ndim(a) - own] for a, own in fields if a is not None))
 
 
 class AbstractCamera(eqx.Module):
     """Pixel <-> direction in the camera frame."""
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """() for one camera of all shots; else it broadcasts with the shots."""
+        return ()
 
     @property
     @abc.abstractmethod
@@ -68,12 +75,52 @@ class AbstractCamera(eqx.Module):
         """Whether the pixel lies on the detector, where its size is known."""
 
     @abc.abstractmethod
+    def ends(self) -> tuple[Component, Component] | None:
+        """First and last sample of a detector line, where they are known."""
+
+    @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
         """For line cameras: a signed measure of how far a direction lies beside the line, monotone over half a turn.
 
         It vanishes where the direction is imaged on the line, and is the tangent of half the angle, so that the search for the
         time of exposure meets neither the pole of the image coordinate nor a flat top.
         """
+
+
+_DISTORTION = (
+    "k1, k2, k3, p1, p2. OpenCV's order is k1, k2, p1, p2, k3: its four numbers are [k1, k2, 0, p1, p2] here, and more than its "
+    "five are another model"
+)
+
+
+def _distorted(coefficients: Float[Array, "*batch 5"], u: Component, v: Component) -> Vec2:
+    k1, k2, k3, p1, p2 = unstack(coefficients)
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
+        v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
+    )
+
+
+def _misses(place: Vec2, coefficients: Float[Array, "*batch 5"], target: Vec2) -> Vec2:
+    """What vanishes at the coordinates whose distortion is the target."""
+    return vsub(_distorted(coefficients, *place), target)
+
+
+def _towards(coefficients: Float[Array, "*batch 5"], u: Component, v: Component, target: Vec2) -> Vec2:
+    """One Newton step towards the coordinates whose distortion is the target."""
+    k1, k2, k3, p1, p2 = unstack(coefficients)
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    du, dv = _distorted(coefficients, u, v)
+    a = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
+    b = slope * u * v + 2 * p1 * u + 2 * p2 * v
+    d = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
+    w = 1 / (a * d - b * b)
+    eu, ev = target[0] - du, target[1] - dv
+    return u + (d * eu - b * ev) * w, v + (a * ev - b * eu) * w
 
 
 class FrameCamera(AbstractCamera):
@@ -86,19 +133,44 @@ class FrameCamera(AbstractCamera):
 
     - `focal_px`: focal length in pixels, () or (n_images,) for a zoom lens.
     - `principal_point_px`: column and row of the principal point in the flight's pixel coordinates.
-    - `distortion`: (k1, k2, k3, p1, p2) or None.
+    - `distortion`: (k1, k2, k3, p1, p2) or None. OpenCV's numbers mean the same, but stand as k1, k2, p1, p2, k3.
     - `size_px`: columns and rows of the detector, or None where it does not matter.
     - `per_image`: `focal_px` holds one number for each image; the shot's image picks it.
     """
 
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_point_px: Float[Array, "*batch 2"] = eqx.field(converter=parameter)
-    distortion: Float[Array, "*batch 5"] | None = eqx.field(default=None, converter=parameter)
-    size_px: Float[Array, "*batch 2"] | None = eqx.field(default=None, converter=parameter)
-    per_image: bool = eqx.field(default=False, static=True)
+    distortion: Float[Array, "*batch 5"] | None = eqx.field(converter=parameter)
+    size_px: Float[Array, "*batch 2"] | None = eqx.field(converter=parameter)
+    per_image: bool = eqx.field(static=True)
 
-    def __check_init__(self):
-        positive_focal(self.focal_px)
+    def __init__(
+        self,
+        focal_px: Float[Numbers, "..."],
+        principal_point_px: Float[Numbers, "*batch 2"],
+        distortion: Float[Numbers, "*batch 5"] | None = None,
+        size_px: Float[Numbers, "*batch 2"] | None = None,
+        per_image: bool = False,
+    ):
+        """**Raises:** `WhiskjaxError` for other shapes than these, a focal length or size that is not positive."""
+        arrays = Arrays("FrameCamera")
+        # A focal length for each image is no batch of the others: the shot picks one.
+        focal, many = (Arrays("FrameCamera"), "images") if per_image else (arrays, "...")
+        self.focal_px = focal.take("focal_px", focal_px, many, finite=True, above=0.0, meaning="a number of pixels")
+        self.principal_point_px = arrays.take(
+            "principal_point_px", principal_point_px, "... 2", finite=True, meaning="column and row"
+        )
+        self.distortion = arrays.take("distortion", distortion, "... 5", optional=True, finite=True, meaning=_DISTORTION)
+        self.size_px = arrays.take(
+            "size_px", size_px, "... 2", optional=True, finite=True, above=0.0, meaning="columns and rows of the detector"
+        )
+        self.per_image = per_image
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of its numbers, but for a focal length for each image."""
+        focal = None if self.per_image else self.focal_px
+        return common_batch((focal, 0), (self.principal_point_px, 1), (self.distortion, 1), (self.size_px, 1))
 
     @property
     def is_line(self) -> bool:
@@ -124,41 +196,18 @@ class FrameCamera(AbstractCamera):
         return failure_if(jnp.logical_not(known), RESULTS.unknown_key)
 
     def _distort(self, u: Component, v: Component) -> Vec2:
-        if self.distortion is None:
-            return u, v
-        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
-            v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
-        )
-
-    def _undistort_step(self, u: Component, v: Component, target: Vec2) -> Vec2:
-        """One Newton step towards the coordinates whose distortion is the target."""
-        assert self.distortion is not None
-        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-        du, dv = self._distort(u, v)
-        a = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
-        b = slope * u * v + 2 * p1 * u + 2 * p2 * v
-        d = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
-        w = 1 / (a * d - b * b)
-        eu, ev = target[0] - du, target[1] - dv
-        return u + (d * eu - b * ev) * w, v + (a * ev - b * eu) * w
+        return (u, v) if self.distortion is None else _distorted(self.distortion, u, v)
 
     def _undistort(self, target: Vec2) -> Vec2:
+        """The coordinates whose distortion is the target; of one that is not met, whatever is finite."""
         if self.distortion is None:
             return target
-        fixed = jax.lax.stop_gradient((self, target))
-        u, v = fixed[1]
-        for _ in range(6):
-            u, v = fixed[0]._undistort_step(u, v, fixed[1])
-        u, v = jax.lax.stop_gradient((u, v))
-        # The iteration is differentiated by its last step alone: at the solution that is the implicit derivative.
-        return self._undistort_step(u, v, target)
+        coefficients, aim = jax.lax.stop_gradient((self.distortion, target))
+        u, v = aim
+        for _ in range(_NEWTON_STEPS):
+            u, v = _towards(coefficients, u, v, aim)
+        lost = ~jnp.isfinite(u + v)
+        return implicit(_misses, tuple(jnp.where(lost, 0.0, c) for c in (u, v)), self.distortion, target)
 
     def _principal(self) -> Vec2:
         return self.principal_point_px[..., 0], self.principal_point_px[..., 1]
@@ -224,6 +273,9 @@ class FrameCamera(AbstractCamera):
         wide, high = self.size_px[..., 0], self.size_px[..., 1]
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
+
+    def ends(self) -> None:
+        """A frame camera has no line."""
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

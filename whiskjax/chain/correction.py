@@ -5,7 +5,6 @@ All are one link: a small motion (turn, shift) that is a weighted sum of coeffic
 
 import abc
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
-from ..rules import RESULTS, WhiskjaxError, is_traced
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.results import choose
 from .camera import parameter
 from .pose import Pose
@@ -62,6 +61,12 @@ class Drift(AbstractBasis):
     start_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     span_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
+    def __init__(self, start_s: Float[Numbers, ""], span_s: Float[Numbers, ""]):
+        """**Raises:** `WhiskjaxError` where one is no number of seconds, or the span is not positive."""
+        arrays = Arrays("Drift")
+        self.start_s = arrays.take("start_s", start_s, "", absolute=True, finite=True)
+        self.span_s = arrays.take("span_s", span_s, "", absolute=True, finite=True, above=0.0)
+
     @property
     def size(self) -> int:
         """Two."""
@@ -76,23 +81,26 @@ class Drift(AbstractBasis):
         return RESULTS.successful
 
 
-def _times(value: Any) -> Any:
-    return jnp.atleast_1d(jnp.asarray(value, dtype=float))
-
-
-def _whole_numbers(nodes: int | Sequence[int]) -> tuple[int, ...]:
-    return (nodes,) if isinstance(nodes, int) else tuple(int(n) for n in nodes)
-
-
 class AbstractUniform(AbstractBasis):
     """Nodes at start_s + k * spacing_s; several segments in time, strips say, each with its own start and number of nodes.
 
     The coefficients of all segments follow each other in one array.
     """
 
-    start_s: Float[Array, " segments"] = eqx.field(converter=_times)
+    start_s: Float[Array, " segments"] = eqx.field(converter=jnp.atleast_1d)
     spacing_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    nodes: tuple[int, ...] = eqx.field(static=True, converter=_whole_numbers)
+    nodes: tuple[int, ...] = eqx.field(static=True)
+
+    def __init__(self, start_s: Float[Numbers, "*segments"], spacing_s: Float[Numbers, ""], nodes: int | Sequence[int]):
+        """**Arguments:** seconds, and numbers of nodes; one start and one number of nodes for each segment.
+
+        **Raises:** `WhiskjaxError` for fewer than four nodes, segments that overlap, and what is no such number.
+        """
+        arrays = Arrays(type(self).__name__)
+        self.start_s = arrays.take("start_s", start_s, "segments" if np.ndim(start_s) else "", absolute=True, finite=True)
+        self.spacing_s = arrays.take("spacing_s", spacing_s, "", absolute=True, finite=True, above=0.0)
+        count = arrays.take_whole("nodes", nodes, "segments" if np.ndim(nodes) else "", meaning="a number of nodes")
+        self.nodes = tuple(int(n) for n in np.atleast_1d(count))
 
     def __check_init__(self):
         if self.start_s.shape != (len(self.nodes),):
@@ -209,13 +217,22 @@ class Correction(AbstractStations):
     """
 
     basis: AbstractBasis
-    turn_rad: Float[Array, "k 3"] | None = eqx.field(default=None, converter=parameter)
-    shift_m: Float[Array, "k 3"] | None = eqx.field(default=None, converter=parameter)
+    turn_rad: Float[Array, "k 3"] | None = eqx.field(converter=parameter)
+    shift_m: Float[Array, "k 3"] | None = eqx.field(converter=parameter)
 
-    def __check_init__(self):
-        for name, c in (("turn_rad", self.turn_rad), ("shift_m", self.shift_m)):
-            if c is not None and c.shape != (self.basis.size, 3):
-                raise WhiskjaxError(f"{name} has shape {c.shape}, expected ({self.basis.size}, 3): one row for each coefficient")
+    def __init__(
+        self,
+        basis: AbstractBasis,
+        turn_rad: Float[Numbers, "k 3"] | None = None,
+        shift_m: Float[Numbers, "k 3"] | None = None,
+    ):
+        """**Raises:** `WhiskjaxError` where there is not a row for each coefficient, or turns are in degrees."""
+        need("Correction", "basis", basis, AbstractBasis, "Bias(), Spline(...) or another")
+        arrays, shape = Arrays("Correction"), f"{basis.size} 3"
+        row = "one row for each coefficient"
+        self.basis = basis
+        self.turn_rad = arrays.take("turn_rad", turn_rad, shape, optional=True, finite=True, within_rad=2 * np.pi, meaning=row)
+        self.shift_m = arrays.take("shift_m", shift_m, shape, optional=True, finite=True, meaning=row)
 
     @property
     def stations(self) -> int:

@@ -16,12 +16,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.vectors import Vec2, Vec3, dot, norm, transpose, unstack
-from ..earth.surface import AbstractSurface
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
-from ..rules.arrays import Arrays
+from ..earth.surface import AbstractSurface, need_surface
+from ..rules import RESULTS, Numbers, WhiskjaxError, first_failure, raise_failures
 from ..rules.results import failure_if
 from ..rules.sizes import filled
-from .imaging import finish, finite, image
+from .imaging import begin, finish, finite, image, take_point
 from .sensor import Sensor
 from .shot import Shot
 from .sweep import sweep
@@ -91,8 +90,8 @@ def _px_per_line(sensor: Sensor, shot: Shot, point: Vec3, s_per_line: Float[Arra
 def px_per_line(
     sensor: Sensor,
     shot: Shot,
-    point_m: Float[ArrayLike, "... 3"],
-    s_per_line: Float[ArrayLike, "..."],
+    point_m: Float[Numbers, "... 3"],
+    s_per_line: Float[Numbers, "..."],
     *,
     throw: bool = True,
 ) -> Float[Array, "... 2"]:
@@ -119,10 +118,10 @@ def px_per_line(
     **Raises:** `SensorError` where a point cannot be seen, or its image does not move across the line; `WhiskjaxError` for a
     frame camera.
     """
-    arrays = Arrays("px_per_line")
-    point = arrays.take("point_m", point_m, "... 3", absolute=True)
-    time = arrays.take("s_per_line", s_per_line, "...", absolute=True)
-    value, result = _px_per_line(sensor, shot, unstack(point), jnp.asarray(time))
+    arrays = begin("px_per_line", sensor, shot)
+    point = take_point(arrays, point_m)
+    time = jnp.asarray(arrays.take("s_per_line", s_per_line, "...", absolute=True, above=0.0, meaning="seconds"))
+    value, result = _px_per_line(sensor, shot, unstack(point), time)
     if throw:
         raise_failures(result, "px_per_line")
     return value
@@ -149,7 +148,7 @@ def _m_per_px(sensor: Sensor, shot: Shot, point: Vec3, surface: AbstractSurface)
 
 
 def m_per_px(
-    sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], surface: AbstractSurface, *, throw: bool = True
+    sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], surface: AbstractSurface, *, throw: bool = True
 ) -> Float[Array, "... 2"]:
     """How large a pixel is on the ground where points are seen (ground sample distance): metres along both image axes.
 
@@ -169,7 +168,9 @@ def m_per_px(
 
     **Raises:** `SensorError` where a point cannot be seen.
     """
-    point = Arrays("m_per_px").take("point_m", point_m, "... 3", absolute=True)
+    arrays = begin("m_per_px", sensor, shot)
+    need_surface("m_per_px", surface)
+    point = take_point(arrays, point_m)
     value, result = _m_per_px(sensor, shot, unstack(point), surface)
     if throw:
         raise_failures(result, "m_per_px")

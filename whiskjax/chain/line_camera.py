@@ -3,15 +3,27 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale
-from ..rules import RESULTS, WhiskjaxError
+from ..algebra.implicit import implicit
+from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale, unstack
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import failure_if
-from .camera import AbstractCamera, parameter, positive_focal
+from .camera import AbstractCamera, common_batch, parameter
 from .shot import Shot
+
+# Newton steps from the place on the focal plane to the sample that lies there.
+_NEWTON_STEPS = 3
+
+
+def _sign(arrays: Arrays, name: str, value: Any) -> Any:
+    sign = arrays.take(name, value, "...")
+    if not is_traced(sign) and not (np.abs(np.asarray(sign)) == 1).all():
+        arrays.refuse(name, f"is +1 or -1, not {np.asarray(sign).tolist()}")
+    return sign
 
 
 class LineCamera(AbstractCamera):
@@ -37,19 +49,49 @@ class LineCamera(AbstractCamera):
     """
 
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
-    principal_sample_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
-    offset_px: Float[Array, "..."] = eqx.field(default=0.0, converter=parameter)
-    along_sign: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
-    across_sign: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
-    deformation_px: Float[Array, "*batch 2 4"] | None = eqx.field(default=None, converter=parameter)
-    half_width_px: Float[Array, "..."] = eqx.field(default=1.0, converter=parameter)
-    samples_px: Float[Array, "*batch 2"] | None = eqx.field(default=None, converter=parameter)
-    along: str = eqx.field(default="x", static=True)
+    principal_sample_px: Float[Array, "..."] = eqx.field(converter=parameter)
+    offset_px: Float[Array, "..."] = eqx.field(converter=parameter)
+    along_sign: Float[Array, "..."] = eqx.field(converter=parameter)
+    across_sign: Float[Array, "..."] = eqx.field(converter=parameter)
+    deformation_px: Float[Array, "*batch 2 4"] | None = eqx.field(converter=parameter)
+    half_width_px: Float[Array, "..."] = eqx.field(converter=parameter)
+    samples_px: Float[Array, "*batch 2"] | None = eqx.field(converter=parameter)
+    along: str = eqx.field(static=True)
 
-    def __check_init__(self):
-        positive_focal(self.focal_px)
-        if self.along not in ("x", "y"):
-            raise WhiskjaxError(f"a detector line lies along x or y, not {self.along!r}")
+    def __init__(
+        self,
+        focal_px: Float[Numbers, "..."],
+        principal_sample_px: Float[Numbers, "..."] = 0.0,
+        offset_px: Float[Numbers, "..."] = 0.0,
+        along_sign: Float[Numbers, "..."] = 1.0,
+        across_sign: Float[Numbers, "..."] = 1.0,
+        deformation_px: Float[Numbers, "*batch 2 4"] | None = None,
+        half_width_px: Float[Numbers, "..."] = 1.0,
+        samples_px: Float[Numbers, "*batch 2"] | None = None,
+        along: str = "x",
+    ):
+        """**Raises:** `WhiskjaxError` for other shapes than these, lengths that are not positive, signs that are none."""
+        arrays = Arrays("LineCamera")
+        self.focal_px = arrays.take("focal_px", focal_px, "...", finite=True, above=0.0, meaning="a number of pixels")
+        self.principal_sample_px = arrays.take("principal_sample_px", principal_sample_px, "...", finite=True)
+        self.offset_px = arrays.take("offset_px", offset_px, "...", finite=True)
+        self.along_sign, self.across_sign = _sign(arrays, "along_sign", along_sign), _sign(arrays, "across_sign", across_sign)
+        cubics = "along and across, coefficients of 1, s, s^2, s^3"
+        self.deformation_px = arrays.take("deformation_px", deformation_px, "... 2 4", optional=True, finite=True, meaning=cubics)
+        self.half_width_px = arrays.take("half_width_px", half_width_px, "...", finite=True, above=0.0)
+        ends = arrays.take("samples_px", samples_px, "... 2", optional=True, finite=True, meaning="first and last sample")
+        if ends is not None and not is_traced(ends) and not (np.asarray(ends)[..., 0] <= np.asarray(ends)[..., 1]).all():
+            arrays.refuse("samples_px", f"is the first and the last sample, not {np.asarray(ends).tolist()}")
+        self.samples_px = ends
+        if along not in ("x", "y"):
+            raise WhiskjaxError(f"LineCamera: a detector line lies along x or y, not {along!r}")
+        self.along = along
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of its numbers."""
+        numbers = self.focal_px, self.principal_sample_px, self.offset_px, self.along_sign, self.across_sign, self.half_width_px
+        return common_batch(*((n, 0) for n in numbers), (self.deformation_px, 2), (self.samples_px, 1))
 
     @property
     def is_line(self) -> bool:
@@ -71,20 +113,20 @@ class LineCamera(AbstractCamera):
         if self.deformation_px is None:
             return 0, 0
         u = s / self.half_width_px
-        along, across = (
-            self.deformation_px[..., i, 0]
-            + u * (self.deformation_px[..., i, 1] + u * (self.deformation_px[..., i, 2] + u * self.deformation_px[..., i, 3]))
-            for i in (0, 1)
-        )
-        return along, across
+        return _cubic(self.deformation_px[..., 0, :], u), _cubic(self.deformation_px[..., 1, :], u)
 
     def _sample(self, along: Component) -> Component:
-        """The centred sample whose deformed position is `along`; the deformation is small, each pass gains its slope."""
-        s = along
-        if self.deformation_px is not None:
-            for _ in range(4):
-                s = along - self._deformation(s)[0]
-        return s
+        """The centred sample whose deformed position is `along`; where there is none, whatever is finite."""
+        if self.deformation_px is None:
+            return along
+        given = self.deformation_px[..., 0, :], self.half_width_px, along
+        coefficients, half_width, aim = jax.lax.stop_gradient(given)
+        s = aim
+        for _ in range(_NEWTON_STEPS):
+            u = s / half_width
+            slope = 1 + (coefficients[..., 1] + u * (2 * coefficients[..., 2] + u * (3 * coefficients[..., 3]))) / half_width
+            s = s - (s + _cubic(coefficients, u) - aim) / jnp.where(slope == 0, 1.0, slope)
+        return implicit(_lies_beside, (jnp.where(jnp.isfinite(s), s, aim),), *given)[0]
 
     def pixel(self, q: Vec3) -> Vec2:
         """(sample, line offset) of a direction."""
@@ -115,6 +157,10 @@ class LineCamera(AbstractCamera):
             return True
         return (pixel[0] >= self.samples_px[..., 0] - 0.5) & (pixel[0] <= self.samples_px[..., 1] + 0.5)
 
+    def ends(self) -> tuple[Component, Component] | None:
+        """As given."""
+        return None if self.samples_px is None else (self.samples_px[..., 0], self.samples_px[..., 1])
+
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
         a, c = self._axes(q)
@@ -129,6 +175,19 @@ class LineCamera(AbstractCamera):
         # The line's plane contains (c, z) = (place, -f): sine and cosine of the angle around the line, up to one factor.
         sine, cosine = c * f + q[2] * place, c * place - q[2] * f
         return self.across_sign * sine / (norm((sine, cosine)) + cosine)
+
+
+def _cubic(coefficients: Float[Array, "*batch 4"], u: Component) -> Component:
+    c0, c1, c2, c3 = unstack(coefficients)
+    return c0 + u * (c1 + u * (c2 + u * c3))
+
+
+def _lies_beside(
+    sample: tuple[Component], coefficients: Float[Array, "*batch 4"], half_width_px: Component, along: Component
+) -> tuple[Component]:
+    """What vanishes at the centred sample whose deformed position is `along`."""
+    (s,) = sample
+    return (s + _cubic(coefficients, s / half_width_px) - along,)
 
 
 class LookTable(AbstractCamera):
@@ -147,9 +206,12 @@ class LookTable(AbstractCamera):
     slope: Float[Array, "n 2"]  # image point at focal length 1: (-x/z, -y/z)
 
     def __init__(self, sample_px: Any, direction: Any):
-        sample, d = np.asarray(sample_px, dtype=np.float64), np.asarray(direction, dtype=np.float64)
-        if sample.ndim != 1 or len(sample) < 2 or d.shape != (len(sample), 3):
-            raise WhiskjaxError(f"a look table has at least two samples and as many directions, got {sample.shape} and {d.shape}")
+        """**Raises:** `WhiskjaxError` for shapes that do not fit, samples that do not advance, looks that are not along -z."""
+        arrays = Arrays("LookTable")
+        sample = np.asarray(arrays.take("sample_px", sample_px, "n", finite=True))
+        d = np.asarray(arrays.take("direction", direction, "n 3", meaning="one direction for each sample"))
+        if len(sample) < 2:
+            arrays.refuse("sample_px", f"has shape {sample.shape}; a look table has at least two samples")
         if not (np.diff(sample) > 0).all():
             raise WhiskjaxError("the samples of a look table must increase")
         if not (d[:, 2] < 0).all():
@@ -214,6 +276,10 @@ class LookTable(AbstractCamera):
     def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
         """Between the first and the last look."""
         return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
+
+    def ends(self) -> tuple[Component, Component]:
+        """The first and the last look."""
+        return self.sample_px[0], self.sample_px[-1]
 
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of its segment."""

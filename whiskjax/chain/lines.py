@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..rules import WhiskjaxError, require_x64
+from ..rules import Arrays, WhiskjaxError, require_x64
 
 
 class LineTimes(eqx.Module):
@@ -16,12 +16,14 @@ class LineTimes(eqx.Module):
     line: Float[Array, " k"]
     time_s: Float[Array, " k"]
 
-    def __init__(self, line: Any, time_s: Any, image: str = "image"):
+    def __init__(self, line: Any, time_s: Any, image: str = "LineTimes"):
         """**Raises:** `WhiskjaxError` where lines or times do not increase; `image` is named in the message."""
         require_x64("LineTimes")
-        line, time = np.asarray(line, dtype=np.float64), np.asarray(time_s, dtype=np.float64)
-        if line.ndim != 1 or line.shape != time.shape or len(line) < 2:
-            raise WhiskjaxError(f"{image}: at least two lines with their times are needed, got {line.shape} and {time.shape}")
+        arrays = Arrays(image)
+        line = np.asarray(arrays.take("line", line, "lines", absolute=True, finite=True))
+        time = np.asarray(arrays.take("time_s", time_s, "lines", absolute=True, finite=True))
+        if len(line) < 2:
+            arrays.refuse("line", f"has shape {line.shape}; at least two lines with their times are needed")
         for name, value in (("lines", line), ("times", time)):
             if not (np.diff(value) > 0).all():
                 raise WhiskjaxError(f"{image}: the {name} of its line table must increase")
@@ -29,10 +31,12 @@ class LineTimes(eqx.Module):
 
     def time_at(self, line: Float[Array, "..."]) -> Float[Array, "..."]:
         """Time in seconds when a line was exposed."""
+        line = Arrays("LineTimes.time_at").take("line", line, "...")
         return jnp.interp(line, self.line, self.time_s, left=jnp.nan, right=jnp.nan)
 
     def line_at(self, time_s: Float[Array, "..."]) -> Float[Array, "..."]:
         """Line that was exposed at a time."""
+        time_s = Arrays("LineTimes.line_at").take("time_s", time_s, "...", absolute=True)
         return jnp.interp(time_s, self.time_s, self.line, left=jnp.nan, right=jnp.nan)
 
     def s_per_line(self, line: Float[ArrayLike, "..."]) -> Float[Array, "..."] | Float[np.ndarray, "..."]:

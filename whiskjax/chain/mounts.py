@@ -1,28 +1,18 @@
 """Constant links: a mount with lever arm and small angles, and a signed permutation of axes."""
 
 import re
-from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import IDENTITY, ZERO, Mat3, scale, unstack
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need
+from .camera import common_batch, parameter
 from .link import AbstractLink
 from .pose import Pose
 from .rotations import check_order, rotation_from_angles
 from .shot import Shot
-
-
-def _three_or_none(value: Any) -> Any:
-    if value is None:
-        return None
-    value = jnp.asarray(value, dtype=float)
-    if value.shape[-1:] != (3,):
-        raise WhiskjaxError(f"a mount has three lengths and three angles, got shape {value.shape}")
-    return value
 
 
 class Mount(AbstractLink):
@@ -33,15 +23,33 @@ class Mount(AbstractLink):
     to antenna). None is exactly zero and costs nothing.
     """
 
-    lever_arm_m: Float[Array, "*batch 3"] | None = eqx.field(default=None, converter=_three_or_none)
-    angles_rad: Float[Array, "*batch 3"] | None = eqx.field(default=None, converter=_three_or_none)
-    order: str = eqx.field(default="xyz", static=True)
-    lever_sign: int = eqx.field(default=1, static=True)
+    lever_arm_m: Float[Array, "*batch 3"] | None = eqx.field(converter=parameter)
+    angles_rad: Float[Array, "*batch 3"] | None = eqx.field(converter=parameter)
+    order: str = eqx.field(static=True)
+    lever_sign: int = eqx.field(static=True)
 
-    def __check_init__(self):
-        check_order(self.order)
-        if self.lever_sign not in (1, -1):
-            raise WhiskjaxError(f"lever_sign is +1 or -1, not {self.lever_sign!r}")
+    def __init__(
+        self,
+        lever_arm_m: Float[Numbers, "*batch 3"] | None = None,
+        angles_rad: Float[Numbers, "*batch 3"] | None = None,
+        order: str = "xyz",
+        lever_sign: int = 1,
+    ):
+        """**Raises:** `WhiskjaxError` for other shapes, angles in degrees, an order or a sign that is none."""
+        arrays = Arrays("Mount")
+        self.lever_arm_m = arrays.take("lever_arm_m", lever_arm_m, "... 3", optional=True, finite=True, meaning="x, y, z")
+        self.angles_rad = arrays.take(
+            "angles_rad", angles_rad, "... 3", optional=True, finite=True, within_rad=2 * np.pi, meaning=f"in the order {order!r}"
+        )
+        self.order = check_order(order)
+        if lever_sign not in (1, -1):
+            raise WhiskjaxError(f"Mount: lever_sign is +1 or -1, not {lever_sign!r}")
+        self.lever_sign = lever_sign
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of lever arm and angles."""
+        return common_batch((self.lever_arm_m, 1), (self.angles_rad, 1))
 
     def pose(self, shot: Shot) -> Pose:
         """The same for every shot."""
@@ -63,6 +71,7 @@ class Axes(AbstractLink):
     axes: str = eqx.field(static=True)
 
     def __check_init__(self):
+        need("Axes", "axes", self.axes, str)
         words = self.axes.split()
         if not all(re.fullmatch("[+-]?[xyz]", w) for w in words) or sorted(w[-1] for w in words) != ["x", "y", "z"]:
             raise WhiskjaxError(f"axes are three signed names, as 'x -y -z', not {self.axes!r}")

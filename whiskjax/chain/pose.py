@@ -1,8 +1,11 @@
 """Rigid transforms between frames, and the small motions of a frame."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+import numpy as np
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import (
     IDENTITY,
@@ -19,6 +22,7 @@ from ..algebra.vectors import (
     vadd,
     vsub,
 )
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced
 
 
 class Pose(eqx.Module):
@@ -30,11 +34,27 @@ class Pose(eqx.Module):
     rotation: Mat3 = IDENTITY
     translation: Vec3 = ZERO
 
+    def __check_init__(self):
+        _three("Pose", "rotation", self.rotation, "Pose.from_arrays(rotation, translation_m)")
+        _three("Pose", "translation", self.translation, "Pose.from_arrays(rotation, translation_m)")
+        for row in self.rotation:
+            _three("Pose", "rotation", row, "Pose.from_arrays(rotation, translation_m)")
+
     @classmethod
-    def from_arrays(cls, rotation: Float[ArrayLike, "... 3 3"], translation_m: Float[ArrayLike, "... 3"]) -> "Pose":
-        """A pose from a rotation matrix (..., 3, 3) and a translation (..., 3) in metres."""
-        rows = unstack(jnp.moveaxis(jnp.asarray(rotation), -2, -1))
-        return cls(tuple(unstack(row) for row in rows), unstack(translation_m))
+    def from_arrays(cls, rotation: Float[Numbers, "... 3 3"], translation_m: Float[Numbers, "... 3"]) -> "Pose":
+        """A pose from a rotation matrix (..., 3, 3) and a translation (..., 3) in metres.
+
+        **Raises:** `WhiskjaxError` for other shapes, float32, or a matrix that is no rotation to within 1e-6.
+        """
+        arrays = Arrays("Pose.from_arrays")
+        matrix = jnp.asarray(arrays.take("rotation", rotation, "... 3 3", absolute=True))
+        translation = jnp.asarray(arrays.take("translation_m", translation_m, "... 3", absolute=True))
+        if not is_traced(matrix):
+            r = np.asarray(matrix)
+            if not (np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)) < 1e-6).all() or not (np.linalg.det(r) > 0).all():
+                arrays.refuse("rotation", "is no rotation: its rows must be orthogonal unit vectors, right-handed")
+        rows = unstack(jnp.moveaxis(matrix, -2, -1))
+        return cls(tuple(unstack(row) for row in rows), unstack(translation))
 
     @property
     def matrix(self) -> Float[Array, "... 3 3"]:
@@ -67,6 +87,14 @@ class Pose(eqx.Module):
         return apply(transpose(self.rotation), vsub(p_a, self.translation))
 
 
+def _three(owner: str, name: str, value: Any, remedy: str) -> None:
+    """Components along three axes; an array has its axes elsewhere, and which one is meant is not guessed."""
+    if not isinstance(value, tuple) or len(value) != 3:
+        raise WhiskjaxError(
+            f"{owner}: {name} is three components (a tuple), not {type(value).__name__}; of arrays make it by {remedy}"
+        )
+
+
 class Motion(eqx.Module):
     """A small motion of the frame at a joint, to first order: p_a = a_from_b(p_b + turn x p_b + shift).
 
@@ -75,6 +103,10 @@ class Motion(eqx.Module):
 
     turn: Vec3 = ZERO
     shift: Vec3 = ZERO
+
+    def __check_init__(self):
+        for name, value in (("turn", self.turn), ("shift", self.shift)):
+            _three("Motion", name, value, "tuple(numpy.moveaxis(array, -1, 0)) of an array (..., 3)")
 
     def into(self, p: Vec3) -> Vec3:
         """Where a point of the unmoved frame b lies in the moved one."""

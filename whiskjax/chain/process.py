@@ -8,10 +8,10 @@ coefficients, each with its own prior, and every estimator that knows priors kno
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component
-from ..rules import RESULTS, WhiskjaxError
+from ..rules import RESULTS, Arrays, Numbers
 from ..rules.results import choose
 from .correction import AbstractBasis
 from .knots import take
@@ -30,28 +30,27 @@ class Process(AbstractBasis):
     parameter: float = eqx.field(static=True)  # start_sigma of a random walk, correlation_s of the others
 
     @classmethod
-    def random_walk(cls, time_s: Float[ArrayLike, " nodes"], start_sigma: float = 0.0) -> "Process":
+    def random_walk(cls, time_s: Float[Numbers, " nodes"], start_sigma: float = 0.0) -> "Process":
         """Brownian motion: independent changes, variance growing with time.
 
         **Arguments:** `time_s`: increasing; `start_sigma`: sigma at the first node over the growth per square root of a second; 0
         where a constant unknown beside the process already holds the start.
         """
         t = _increasing(time_s)
-        if not (np.isfinite(start_sigma) and start_sigma >= 0):
-            raise WhiskjaxError(f"start_sigma must be zero or a positive number, not {start_sigma}")
+        start_sigma = float(Arrays("Process").take("start_sigma", start_sigma, "", finite=True, least=0.0))
         # The start, and independent changes from node to node: column k acts from node k on.
         root = np.tril(np.broadcast_to(np.append(start_sigma, np.sqrt(np.diff(t))), (len(t), len(t))))
-        return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", float(start_sigma))
+        return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", start_sigma)
 
     @classmethod
-    def ornstein_uhlenbeck(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
+    def ornstein_uhlenbeck(cls, time_s: Float[Numbers, " nodes"], correlation_s: float) -> "Process":
         """Errors that are forgotten: covariance exp(-|dt| / correlation_s). POS attitude errors behave so."""
         t = _increasing(time_s)
         covariance = np.exp(-np.abs(t[:, None] - t) / _positive(correlation_s))
         return cls(jnp.asarray(t), _root(covariance), "ornstein_uhlenbeck", float(correlation_s))
 
     @classmethod
-    def smooth(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
+    def smooth(cls, time_s: Float[Numbers, " nodes"], correlation_s: float) -> "Process":
         """Once differentiable: Matern 3/2, (1 + x) exp(-x) with x = sqrt(3) |dt| / correlation_s. Thermal drift behaves so."""
         t = _increasing(time_s)
         x = np.sqrt(3) * np.abs(t[:, None] - t) / _positive(correlation_s)
@@ -76,10 +75,11 @@ class Process(AbstractBasis):
         return choose(inside, RESULTS.successful, RESULTS.time_outside_trajectory)
 
 
-def _increasing(time_s: Float[ArrayLike, " nodes"]) -> np.ndarray:
-    t = np.asarray(time_s, dtype=float)
-    if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
-        raise WhiskjaxError(f"a process needs at least two node times that increase, not {time_s}")
+def _increasing(time_s: Float[Numbers, " nodes"]) -> np.ndarray:
+    arrays = Arrays("Process")
+    t = np.asarray(arrays.take("time_s", time_s, "nodes", absolute=True, finite=True))
+    if len(t) < 2 or not (np.diff(t) > 0).all():
+        arrays.refuse("time_s", f"is {t.tolist()}; at least two node times that increase are needed")
     return t
 
 
@@ -89,6 +89,4 @@ def _root(covariance: np.ndarray) -> Float[Array, "nodes nodes"]:
 
 
 def _positive(correlation_s: float) -> float:
-    if not (np.isfinite(correlation_s) and correlation_s > 0):
-        raise WhiskjaxError(f"correlation_s must be a positive number of seconds, not {correlation_s}")
-    return correlation_s
+    return float(Arrays("Process").take("correlation_s", correlation_s, "", finite=True, above=0.0))

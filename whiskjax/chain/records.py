@@ -4,17 +4,18 @@ A camera that stores its own navigation with every exposure, and Monte Carlo run
 """
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from ..algebra.angles import Angle
 from ..algebra.vectors import Component
-from ..rules import RESULTS, WhiskjaxError, is_traced, require_x64
+from ..earth.ellipsoid import LAT_FIRST
+from ..rules import RESULTS, Arrays, require_x64
 from .link import AbstractLink
 from .pose import Pose
+from .samples import ATTITUDE_RAD, TURNS
 from .shot import Shot
 from .trajectory import ecef_from_body
-from .turn import as_parameter
+from .turn import as_parameter, take_component
 
 
 class Records(AbstractLink):
@@ -26,17 +27,34 @@ class Records(AbstractLink):
     lat_rad: Component = eqx.field(converter=as_parameter)
     lon_rad: Component = eqx.field(converter=as_parameter)
     height_m: Component = eqx.field(converter=as_parameter)
-    roll_rad: Component = eqx.field(default=0, converter=as_parameter)
-    pitch_rad: Component = eqx.field(default=0, converter=as_parameter)
-    heading_rad: Component = eqx.field(default=0, converter=as_parameter)
+    roll_rad: Component = eqx.field(converter=as_parameter)
+    pitch_rad: Component = eqx.field(converter=as_parameter)
+    heading_rad: Component = eqx.field(converter=as_parameter)
 
-    def __check_init__(self):
+    def __init__(
+        self,
+        lat_rad: Component,
+        lon_rad: Component,
+        height_m: Component,
+        roll_rad: Component = 0,
+        pitch_rad: Component = 0,
+        heading_rad: Component = 0,
+    ):
+        """**Raises:** `WhiskjaxError` for float32, shapes that do not broadcast, a latitude beyond a pole, angles in degrees."""
         require_x64("Records")
-        for name in ("lat_rad", "lon_rad", "height_m", "roll_rad", "pitch_rad", "heading_rad"):
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray | jax.Array) and not is_traced(value) and not np.isfinite(np.asarray(value)).all():
-                place = np.argwhere(~np.isfinite(np.asarray(value)))[0].tolist()
-                raise WhiskjaxError(f"records: {name} of record {', '.join(map(str, place))} is not a finite number")
+        arrays = Arrays("Records")
+        self.lat_rad = take_component(arrays, "lat_rad", lat_rad, absolute=True, within_rad=np.pi / 2, meaning=LAT_FIRST)
+        self.lon_rad = take_component(arrays, "lon_rad", lon_rad, absolute=True, within_rad=2 * np.pi)
+        self.height_m = take_component(arrays, "height_m", height_m, absolute=True)
+        self.roll_rad = take_component(arrays, "roll_rad", roll_rad, True, ATTITUDE_RAD, TURNS)
+        self.pitch_rad = take_component(arrays, "pitch_rad", pitch_rad, True, ATTITUDE_RAD, TURNS)
+        self.heading_rad = take_component(arrays, "heading_rad", heading_rad, True, ATTITUDE_RAD, TURNS)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of the records."""
+        numbers = self.lat_rad, self.lon_rad, self.height_m, self.roll_rad, self.pitch_rad, self.heading_rad
+        return np.broadcast_shapes(*(np.shape(n) for n in numbers if not isinstance(n, Angle)))
 
     def pose(self, shot: Shot) -> Pose:
         """The pose of each record."""

@@ -23,7 +23,7 @@ def rotation_from_angles(angles_rad: Vec3, order: str) -> Mat3:
 
 def check_order(order: str) -> str:
     """The order itself, if it names each axis once."""
-    if sorted(order) != list(_AXES):
+    if not isinstance(order, str) or sorted(order) != list(_AXES):
         raise WhiskjaxError(f"an order of rotations names each of x, y and z once, as 'xyz' or 'zyx', not {order!r}")
     return order
 
@@ -75,6 +75,14 @@ def quaternion_from_vector(turn_rad: Vec3) -> Quaternion:
     # sin(a/2)/a = 1/2 - a^2/48 + ..., cos(a/2) = 1 - a^2/8 + ...; the next terms are below 1e-17 here.
     factor = jnp.where(small, 0.5 - squared / 48.0, s / angle)
     return *scale(factor, turn_rad), jnp.where(small, 1.0 - squared / 8.0, c)
+
+
+def quaternion_from_small_vector(turn_rad: Vec3) -> Quaternion:
+    """The same for turns up to twice `SMALL_RAD` (from one POS sample to the next): a power series, without root or branch."""
+    z = 0.25 * dot(turn_rad, turn_rad)
+    half = 0.5 + z * (-1 / 12 + z * (1 / 240 + z * (-1 / 10080)))
+    cosine = 1 + z * (-1 / 2 + z * (1 / 24 + z * (-1 / 720 + z * (1 / 40320))))
+    return *scale(half, turn_rad), cosine
 
 
 def rotation_from_vector(turn_rad: Vec3) -> Mat3:

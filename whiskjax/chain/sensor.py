@@ -5,11 +5,12 @@ from typing import Any
 
 import equinox as eqx
 
+from ..algebra.vectors import total
 from ..earth.refraction import Refraction
-from ..rules import RESULTS, WhiskjaxError, first_failure
-from .by import By
+from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, need
+from .by import By, fit, is_camera
 from .camera import AbstractCamera
-from .link import AbstractLink
+from .link import AbstractLink, Moves
 from .pose import Pose
 from .shot import Shot
 
@@ -31,13 +32,19 @@ class Sensor(eqx.Module):
 
     def __init__(self, links: Mapping[str, AbstractLink], camera: AbstractCamera | By, refraction: Refraction | None = None):
         """**Raises:** `WhiskjaxError` where there is no link, a name is not a word, or a key has two lists of options."""
+        need("Sensor", "links", links, Mapping, "a dict of links by the frame each leads to, as {'body': Trajectory(...)}")
         if not links:
             raise WhiskjaxError("a sensor needs at least one link from the Earth, as Sensor({'body': Trajectory(...)}, camera)")
         for name, link in links.items():
             if not name.isidentifier() or name in _TAKEN:
                 raise WhiskjaxError(f"{name!r} cannot name a frame: a word is needed, and not {' or '.join(map(repr, _TAKEN))}")
-            if not isinstance(link, AbstractLink):
-                raise WhiskjaxError(f"{name}: a link is needed here, not {type(link).__name__}")
+            if not isinstance(link, AbstractLink) or is_camera(link):
+                found = "a By of cameras" if is_camera(link) and isinstance(link, By) else type(link).__name__
+                raise WhiskjaxError(f"Sensor: links: {name}: a link is needed here, not {found}")
+        if not is_camera(camera):
+            raise WhiskjaxError(f"Sensor: camera: a camera, or a By of cameras, is needed here, not {type(camera).__name__}")
+        if refraction is not None:
+            need("Sensor", "refraction", refraction, Refraction, "Refraction()")
         self.names, self.links, self.camera, self.refraction = tuple(links), tuple(links.values()), camera, refraction
         self.key_names()
 
@@ -90,6 +97,14 @@ class Sensor(eqx.Module):
             visit(name, part)
         return found
 
+    def fit(self, arrays: Arrays, shot: Shot) -> None:
+        """Whether what links and camera hold for each shot fits the other arguments of somebody.
+
+        **Raises:** `WhiskjaxError` naming the link.
+        """
+        for name, part in zip((*self.names, "camera"), (*self.links, self.camera), strict=True):
+            fit(arrays, name, part, shot)
+
     @property
     def is_line(self) -> bool:
         """Whether the images are made of lines exposed one after the other."""
@@ -110,6 +125,12 @@ class Sensor(eqx.Module):
             if name == stop:
                 break
         return pose
+
+    def moves(self, shot: Shot) -> Moves:
+        """How the whole chain moves in time: the samples of all links, and the sum of their rates."""
+        of_each = [link.moves(shot) for link in self.links]
+        recorded = tuple(record for moves in of_each for record in moves.recorded)
+        return Moves(recorded, total(m.turn_radps for m in of_each), total(m.speed_mps for m in of_each))
 
     def check(self, shot: Shot) -> RESULTS:
         """The first link's failure for each shot, if any: a time outside the record, in a gap, an unknown key."""

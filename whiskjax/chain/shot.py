@@ -1,6 +1,5 @@
 """What identifies one exposure."""
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -8,23 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..rules import WhiskjaxError, is_traced
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced
 
 KEYS = ("image", "swing", "view", "strip")
 
 
-def _time(value: Any) -> Any:
-    return value if value is None or is_traced(value) else jnp.asarray(value, dtype=float)
-
-
-def _key(name: str, value: Any) -> Any:
-    if value is None or isinstance(value, int) or is_traced(value):
+def _key(arrays: Arrays, name: str, value: Any) -> Any:
+    if value is None or type(value) is int:
         return value
+    index = arrays.take_whole(name, value, "...")
     if isinstance(value, np.integer):
         return int(value)
-    if np.asarray(value).dtype.kind not in "iu":
-        raise WhiskjaxError(f"the {name} of a shot is an index, a whole number, not {value!r}")
-    return jnp.asarray(value, dtype=jnp.int32)
+    return index if is_traced(index) else jnp.asarray(index, dtype=jnp.int32)
 
 
 class Shot(eqx.Module):
@@ -34,12 +28,37 @@ class Shot(eqx.Module):
     then the choice is made before tracing and costs nothing. None: this instrument does not record it.
     """
 
-    time_s: Float[Array, "..."] | None = eqx.field(default=None, converter=_time)
-    image: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "image"))
-    swing: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "swing"))
-    view: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "view"))
-    strip: Int[Array, "..."] | int | None = eqx.field(default=None, converter=partial(_key, "strip"))
-    poses: tuple[Any, ...] = ()  # filled by bake: poses, or links aligned with the shots that make them
+    time_s: Float[Array, "..."] | None
+    image: Int[Array, "..."] | int | None
+    swing: Int[Array, "..."] | int | None
+    view: Int[Array, "..."] | int | None
+    strip: Int[Array, "..."] | int | None
+    poses: tuple[Any, ...]  # filled by bake: poses, or links aligned with the shots that make them
+
+    def __init__(
+        self,
+        time_s: Float[Numbers, "..."] | None = None,
+        image: Int[Numbers, "..."] | None = None,
+        swing: Int[Numbers, "..."] | None = None,
+        view: Int[Numbers, "..."] | None = None,
+        strip: Int[Numbers, "..."] | None = None,
+        poses: tuple[Any, ...] = (),
+    ):
+        """**Raises:** `WhiskjaxError` for a time in float32, a key that is no whole number, shapes that do not broadcast."""
+        arrays = Arrays("Shot")
+        self.time_s = None if time_s is None else jnp.asarray(arrays.take("time_s", time_s, "...", absolute=True))
+        self.image, self.swing = _key(arrays, "image", image), _key(arrays, "swing", swing)
+        self.view, self.strip = _key(arrays, "view", view), _key(arrays, "strip", strip)
+        self.poses = poses
+
+    def fit(self, arrays: Arrays, shape: str = "...") -> None:
+        """Whether time and keys fit the other arguments of somebody; one number fits all of them.
+
+        **Raises:** `WhiskjaxError` naming the field.
+        """
+        for name in ("time_s", *KEYS):
+            if np.ndim(value := getattr(self, name)) > 0:
+                arrays.fit(f"shot.{name}", np.shape(value), shape)
 
     def need(self, field: str, why: str) -> Any:
         """The time or a key that somebody cannot do without.

@@ -15,6 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, matmul, neg, transpose, vadd
+from ..rules import Arrays, need
 from .imaging import centre
 from .pose import Motion, Pose
 from .sensor import Sensor
@@ -42,6 +43,12 @@ class Sweep(eqx.Module):
 
 def sweep(sensor: Sensor, shot: Shot, point: Vec3) -> Sweep:
     """Project a ground point (components, world frame, metres) and differentiate at every joint."""
+    need("sweep", "sensor", sensor, Sensor)
+    need("sweep", "shot", shot, Shot, "Shot(time_s=...)")
+    arrays = Arrays("sweep")
+    if not isinstance(point, tuple) or len(point) != 3:
+        arrays.refuse("point", "is three components (x, y, z), each of any batch shape: tuple(numpy.moveaxis(array, -1, 0))")
+    point = tuple(arrays.take("point", c, "...", absolute=True) for c in point)
     poses = {name: link.pose(shot) for name, link in zip(sensor.names, sensor.links, strict=True)}
     refract = None
     if sensor.refraction is not None:

@@ -3,13 +3,15 @@
 World frame: ECEF, EPSG:4978; geodetic latitude, longitude and ellipsoidal height, EPSG:4979. Constants: NIMA TR8350.2.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Vec3, stack, unstack
-from ..rules import require_x64
+from ..rules import Arrays, Numbers, require_x64
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563
@@ -117,7 +119,7 @@ def _geodetic_from_ecef_jvp(primals, tangents):
 
 
 def geodetic_to_ecef(
-    lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."], height_m: Float[ArrayLike, "..."]
+    lat_rad: Float[Numbers, "..."], lon_rad: Float[Numbers, "..."], height_m: Float[Numbers, "..."]
 ) -> Float[Array, "... 3"]:
     """ECEF position of a geodetic position (WGS-84).
 
@@ -128,15 +130,29 @@ def geodetic_to_ecef(
 
     **Returns:** ECEF x, y, z in metres, shape (..., 3).
 
-    **Raises:** `RuntimeError` where float64 is off.
+    **Raises:** `RuntimeError` where float64 is off; `WhiskjaxError` for float32, shapes that do not fit, or degrees.
     """
     require_x64("geodetic_to_ecef")
-    lat, lon, height = (jnp.asarray(v, dtype=jnp.float64) for v in (lat_rad, lon_rad, height_m))
-    return stack(ecef_from_geodetic(lat, lon, height))
+    arrays = Arrays("geodetic_to_ecef")
+    lat, lon = take_lat_lon(arrays, lat_rad, lon_rad)
+    return stack(ecef_from_geodetic(lat, lon, jnp.asarray(arrays.take("height_m", height_m, "...", absolute=True))))
+
+
+LAT_FIRST = "latitude before longitude"
+
+
+def take_lat_lon(arrays: Arrays, lat_rad: ArrayLike, lon_rad: ArrayLike) -> tuple[Array, Array]:
+    """Geodetic latitude and longitude as somebody's arguments of these names, (...) each.
+
+    **Raises:** `WhiskjaxError` where they are no angles in radians, float32, or latitude beyond a pole.
+    """
+    lat = arrays.take("lat_rad", lat_rad, "...", absolute=True, within_rad=math.pi / 2, meaning=LAT_FIRST)
+    lon = arrays.take("lon_rad", lon_rad, "...", absolute=True, within_rad=2 * math.pi)
+    return jnp.asarray(lat), jnp.asarray(lon)
 
 
 def ecef_to_geodetic(
-    point_ecef_m: Float[ArrayLike, "... 3"],
+    point_ecef_m: Float[Numbers, "... 3"],
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Geodetic position of an ECEF position (WGS-84).
 
@@ -148,9 +164,10 @@ def ecef_to_geodetic(
 
     **Returns:** latitude and longitude in radians, ellipsoidal height in metres, each of shape (...).
 
-    **Raises:** `RuntimeError` where float64 is off.
+    **Raises:** `RuntimeError` where float64 is off; `WhiskjaxError` for float32 or another shape.
 
     **Reference:** Bowring (1976), Survey Review 23, 323-327.
     """
     require_x64("ecef_to_geodetic")
-    return geodetic_from_ecef(*unstack(jnp.asarray(point_ecef_m, dtype=jnp.float64)))
+    point = Arrays("ecef_to_geodetic").take("point_ecef_m", point_ecef_m, "... 3", absolute=True)
+    return geodetic_from_ecef(*unstack(jnp.asarray(point)))

@@ -9,21 +9,23 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import Mat3, Vec3, cross, dot, mul, norm, scale, transpose, vadd, vsub
-from ..rules import RESULTS
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import failure_if
 from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, geodetic_from_ecef
 from .frames import ecef_from_enu
 
 
-def _as_float(value: Any) -> Array:
-    return jnp.asarray(value, dtype=float)
-
-
 class AbstractSurface(eqx.Module):
     """What a ray can be intersected with."""
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """() for one surface that all rays meet; else it broadcasts with the rays."""
+        return ()
 
     @abc.abstractmethod
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
@@ -34,6 +36,14 @@ class AbstractSurface(eqx.Module):
         """Rotation world_from_enu at a point: its columns are east, north and up there."""
 
 
+def need_surface(owner: str, surface: Any) -> None:
+    """**Raises:** `WhiskjaxError` where a surface is none: a bare height, say. `owner` is whose argument it is."""
+    if isinstance(surface, type) or not callable(getattr(surface, "intersect", None)):
+        height = np.size(surface) == 1 and np.asarray(surface).dtype.kind in "iuf"
+        remedy = f"HeightSurface({surface})" if height else "HeightSurface(height_m), Plane(point_m, normal) or your own"
+        raise WhiskjaxError(f"{owner}: surface is {surface!r}, which no ray can be intersected with; give {remedy}")
+
+
 class HeightSurface(AbstractSurface):
     """All points of one ellipsoidal height: ECEF, metres.
 
@@ -41,7 +51,16 @@ class HeightSurface(AbstractSurface):
     look 78 deg off nadir). `height_m` may be a batch: one height for each ray.
     """
 
-    height_m: Float[Array, "..."] = eqx.field(converter=_as_float)
+    height_m: Float[Array, "..."]
+
+    def __init__(self, height_m: Float[Numbers, "..."]):
+        """**Raises:** `WhiskjaxError` where the height is no finite number, or float32."""
+        self.height_m = jnp.asarray(Arrays("HeightSurface").take("height_m", height_m, "...", absolute=True, finite=True))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """That of the heights."""
+        return np.shape(self.height_m)
 
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
         """Near root with the lengthened ellipsoid, then one step on the geodetic height along the ray.
@@ -91,8 +110,16 @@ class HeightSurface(AbstractSurface):
 class Plane(AbstractSurface):
     """The plane through `point_m` with the normal `normal` (any length), in the frame of the rays."""
 
-    point_m: Float[Array, "3"] = eqx.field(converter=_as_float)
-    normal: Float[Array, "3"] = eqx.field(converter=_as_float)
+    point_m: Float[Array, "3"]
+    normal: Float[Array, "3"]
+
+    def __init__(self, point_m: Float[Numbers, "3"], normal: Float[Numbers, "3"]):
+        """**Raises:** `WhiskjaxError` for other shapes, numbers that are not finite, a normal of no length."""
+        arrays = Arrays("Plane")
+        self.point_m = jnp.asarray(arrays.take("point_m", point_m, "3", absolute=True, finite=True))
+        self.normal = jnp.asarray(arrays.take("normal", normal, "3", finite=True))
+        if not is_traced(self.normal) and not np.asarray(self.normal).any():
+            arrays.refuse("normal", "is zero, and has no direction")
 
     def intersect(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, RESULTS]:
         """The one intersection, if it lies in front of the origin."""

@@ -19,10 +19,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import ndtri
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, dot, total, unstack
-from ..rules import WhiskjaxError, is_traced, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, require_x64
 
 # The contour s0 + w (i sinh u + slope (1 - cosh u)), 0 <= u <= reach. A slope below 1 leaves a Gaussian integrand (a bias of many
 # sigma) falling, a slope above 0 gives one that falls like a power of s (a needle) the decay of exp(s q).
@@ -51,8 +51,13 @@ class Accuracy(eqx.Module):
     le90_m: Float[Array, "..."]
     se90_m: Float[Array, "..."]
 
+    def __check_init__(self):
+        arrays = Arrays("Accuracy")
+        for name in ("cep50_m", "ce90_m", "le90_m", "se90_m"):
+            arrays.take(name, getattr(self, name), "...")
 
-def accuracy(covariance_enu_m2: Float[ArrayLike, "... 3 3"], bias_enu_m: Float[ArrayLike, "... 3"] | None = None) -> Accuracy:
+
+def accuracy(covariance_enu_m2: Float[Numbers, "... 3 3"], bias_enu_m: Float[Numbers, "... 3"] | None = None) -> Accuracy:
     """Accuracy of a position from the covariance and the bias of its error.
 
     **Arguments:**
@@ -64,8 +69,9 @@ def accuracy(covariance_enu_m2: Float[ArrayLike, "... 3 3"], bias_enu_m: Float[A
 
     **Raises:** as `error_radius`.
     """
-    covariance = jnp.asarray(covariance_enu_m2, dtype=float)
-    bias = jnp.zeros(covariance.shape[-1:]) if bias_enu_m is None else jnp.asarray(bias_enu_m, dtype=float)
+    arrays = Arrays("accuracy")
+    covariance = jnp.asarray(arrays.take("covariance_enu_m2", covariance_enu_m2, "... 3 3"))
+    bias = jnp.zeros(3) if bias_enu_m is None else jnp.asarray(arrays.take("bias_enu_m", bias_enu_m, "... 3"))
 
     def radius(axes: slice, probability: float) -> Array:
         return error_radius(covariance[..., axes, axes], probability, bias[..., axes])
@@ -75,7 +81,7 @@ def accuracy(covariance_enu_m2: Float[ArrayLike, "... 3 3"], bias_enu_m: Float[A
 
 
 def error_radius(
-    covariance: Float[ArrayLike, "... d d"], probability: float, bias: Float[ArrayLike, "... d"] | None = None
+    covariance: Float[Numbers, "... d d"], probability: float, bias: Float[Numbers, "... d"] | None = None
 ) -> Float[Array, "..."]:
     """The radius that a normal error of 1, 2 or 3 dimensions stays within with a given probability.
 
@@ -96,12 +102,13 @@ def error_radius(
     or a shape is out of range; `RuntimeError` where float64 is off.
     """
     require_x64("error_radius")
-    if not _LOWEST <= probability <= _HIGHEST:
-        raise WhiskjaxError(f"probability is {probability}, and a share between {_LOWEST} and {_HIGHEST} is expected")
-    covariance = jnp.asarray(covariance, dtype=float)
-    if covariance.ndim < 2 or covariance.shape[-2:] not in ((1, 1), (2, 2), (3, 3)):
-        raise WhiskjaxError(f"covariance has the shape {covariance.shape}, and (..., d, d) with d = 1, 2 or 3 is expected")
-    bias = jnp.zeros(covariance.shape[-1:]) if bias is None else jnp.asarray(bias, dtype=float)
+    arrays = Arrays("error_radius")
+    if not _LOWEST <= float(arrays.take("probability", probability, "")) <= _HIGHEST:
+        arrays.refuse("probability", f"is {probability}, and a share between {_LOWEST} and {_HIGHEST} is expected")
+    covariance = jnp.asarray(arrays.take("covariance", covariance, "... d d", meaning="d = 1, 2 or 3"))
+    if covariance.shape[-1] not in (1, 2, 3):
+        arrays.refuse("covariance", f"has shape {covariance.shape}, expected (..., d, d) with d = 1, 2 or 3")
+    bias = jnp.zeros(covariance.shape[-1:]) if bias is None else jnp.asarray(arrays.take("bias", bias, "... d"))
     batch = jnp.broadcast_shapes(covariance.shape[:-2], bias.shape[:-1])
     covariance = jnp.broadcast_to(covariance, batch + covariance.shape[-2:])
     radius = _radius(covariance, jnp.broadcast_to(bias, batch + covariance.shape[-1:]), probability)

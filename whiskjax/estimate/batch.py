@@ -20,13 +20,14 @@ from jaxtyping import Array, Float, Int
 
 from ..algebra.vectors import Vec2
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if
-from .adjustment import Ready, pixels, prepare, refuse
+from .adjustment import Ready, impossible, pixels, prepare, refuse
 from .least_squares import descend
 from .observations import Observations
 from .problem import Problem, by_observation_of_runs
-from .unknown import Unknown
+from .unknown import Unknown, need_unknowns
 
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
 _CONVERGED = 1e-6  # the last step, in prior sigmas: the error that is left is smaller by orders of magnitude
@@ -108,7 +109,9 @@ def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
         failure_if(~(jnp.diag(root) ** 2 > _SINGULAR * jnp.diag(normal)[:m]).all(), RESULTS.rank_deficient),
         failure_if(~(jnp.abs(step).max() < _CONVERGED), RESULTS.not_converged),
     )
-    after = tuple(pixels(problem, group, u)[0] for group in problem.groups)
+    after, codes = zip(*(pixels(problem, group, u) for group in problem.groups), strict=True)
+    worst = jnp.stack([code.max() for code in codes]).max()
+    result = first_failure(result, jax.tree.map(lambda _: worst, RESULTS.successful))
     # The last step went to the minimum of the quadratic whose value at its start is the corner of the normal matrix.
     return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
 
@@ -135,14 +138,20 @@ def calibrate_batch(
     **Raises:** `WhiskjaxError` where there is no run, or one of another shape than the first, by its number.
     """
     require_x64("calibrate_batch")
-    _ask_chunk(chunk)
+    need_unknowns("calibrate_batch", "unknowns", unknowns)
+    need("calibrate_batch", "runs", runs, Iterable, "pairs (sensor, observations)")
+    _ask_whole("calibrate_batch", steps, chunk)
 
     def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
         count, shape = 0, None
         runs_left = iter(runs)
         while share := list(itertools.islice(runs_left, _SHARE)):
             ready = []
-            for number, (sensor, observations) in enumerate(share, start=count):
+            for number, pair in enumerate(share, start=count):
+                need("calibrate_batch", f"run {number}", pair, tuple, "(sensor, observations)")
+                sensor, observations = pair
+                need("calibrate_batch", f"sensor of run {number}", sensor, Sensor)
+                need("calibrate_batch", f"observations of run {number}", observations, Observations)
                 if not observations.is_control.any():
                     raise WhiskjaxError(f"run {number}: all points are check points; at least one control point is needed")
                 ready.append(prepare(sensor, observations, unknowns, None, split=True))
@@ -183,10 +192,12 @@ def calibrate_redrawn(
     **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("calibrate_redrawn")
-    _ask_chunk(chunk)
-    pixel_px = np.asarray(pixel_px)
-    if pixel_px.ndim != 3 or pixel_px.shape[1:] != observations.pixel_px.shape or len(pixel_px) == 0:
-        raise WhiskjaxError(f"pixel_px has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2)")
+    _ask("calibrate_redrawn", sensor, observations, unknowns)
+    _ask_whole("calibrate_redrawn", steps, chunk)
+    arrays = Arrays("calibrate_redrawn")
+    pixel_px = np.asarray(arrays.take("pixel_px", pixel_px, f"runs {len(observations)} 2", finite=True))
+    if len(pixel_px) == 0:
+        arrays.refuse("pixel_px", f"has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2) of at least one run")
     if not observations.is_control.any():
         raise WhiskjaxError("all points are check points; at least one control point is needed")
     ready = prepare(sensor, observations, unknowns, None, split=True)
@@ -223,19 +234,23 @@ def images_of(
     **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("images_of")
-    if np.ndim(values) != 2 or np.shape(values)[1] != len(unknowns):
-        raise WhiskjaxError(f"images_of: values have shape {np.shape(values)}, expected (runs, {len(unknowns)})")
+    _ask("images_of", sensor, observations, unknowns)
+    values = Arrays("images_of").take("values", values, f"runs {len(unknowns)}", finite=True)
     ready = prepare(sensor, observations, unknowns, None)
     refuse(ready.unseen, observations)
     u = (np.asarray(values) - np.asarray(ready.problem.mean)) / ready.scale
-    residual = np.stack(_residuals_of(ready.problem, jnp.asarray(u)), axis=1)
+    residual, codes = _residuals_of(ready.problem, jnp.asarray(u))
+    codes = by_observation_of_runs([np.asarray(codes)[:, None]], ready.indices)[:, :, 0].astype(int)
+    for run in np.flatnonzero(codes.any(axis=1))[:1]:
+        raise SensorError(f"images_of: values {run}: {impossible(codes[run], observations)}")
+    residual = np.stack(residual, axis=1)
     return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
 
 
 @eqx.filter_jit
-def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Vec2:
+def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> tuple[Vec2, Int[Array, "runs n"]]:
     (group,) = problem.groups
-    return jax.lax.map(lambda one: pixels(problem, group, one)[0], u, batch_size=25)
+    return jax.lax.map(lambda one: pixels(problem, group, one), u, batch_size=25)
 
 
 class _Share(NamedTuple):
@@ -258,6 +273,7 @@ def _gather(
         for share, problem, start, common in shares:
             job = pool.submit(_finished, problem, start, steps, chunk, common)
             done.append((share, job))
+            tell(f"batch: share {len(done)} of up to {_SHARE} runs")
             if len(done) == 1:
                 job.result()  # compiles; the others find it compiled
             elif len(done) > 2 * cores:
@@ -301,9 +317,17 @@ def _shape(ready: Ready) -> tuple:
     return tree, arrays, tuple(tuple(index) for index in ready.indices)
 
 
-def _ask_chunk(chunk: int) -> None:
-    if chunk < 1:
-        raise WhiskjaxError(f"chunk is a number of lanes, 1 or more, not {chunk}")
+def _ask(owner: str, sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown]) -> None:
+    need(owner, "sensor", sensor, Sensor)
+    need(owner, "observations", observations, Observations)
+    need_unknowns(owner, "unknowns", unknowns)
+
+
+def _ask_whole(owner: str, steps: int, chunk: int) -> None:
+    arrays = Arrays(owner)
+    for name, value, meaning in (("steps", steps, "a number of steps"), ("chunk", chunk, "a number of lanes")):
+        if not int(arrays.take_whole(name, value, "", meaning=meaning)) > 0:
+            arrays.refuse(name, f"is {meaning}, 1 or more, not {value}")
 
 
 def _on_host(ready: Ready) -> Problem:

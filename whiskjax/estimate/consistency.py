@@ -5,6 +5,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from ..rules import Arrays
+
 # Two-sided 99.7 %: an honest covariance leaves the band once in 370.
 _SIGMAS = 3.0
 
@@ -12,12 +14,29 @@ _SIGMAS = 3.0
 def nees(error: Float[np.ndarray, "runs k"], covariance: Float[np.ndarray, "runs k k"]) -> Float[np.ndarray, " runs"]:
     """Normalised estimation error squared e^T C^-1 e of each run: chi-square with k degrees of freedom where C is honest.
 
-    Its mean is k then; larger, and the covariance promises too much (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
+    Its mean is k then; larger, and the covariance promises too much (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). A run
+    whose numbers are not finite has none.
+
+    **Raises:** `WhiskjaxError` where shapes do not fit, or a covariance is not positive definite.
     """
+    arrays = Arrays("nees")
+    error = np.asarray(arrays.take("error", error, "runs k"))
+    covariance = np.asarray(arrays.take("covariance", covariance, "runs k k"))
+    known = np.isfinite(covariance).all(axis=(1, 2))  # a run without an answer has no number
+    flat = np.flatnonzero(known)[~(np.linalg.eigvalsh(covariance[known])[:, 0] > 0)] if covariance.size else ()
+    if len(flat):
+        arrays.refuse("covariance", f"of run {flat[0]} is not positive definite")
     return np.einsum("ri,ri->r", error, np.linalg.solve(covariance, error[..., None])[..., 0])
 
 
 def nees_band(unknowns: int, runs: int) -> tuple[float, float]:
-    """Where the mean over the runs lies for an honest covariance, but for one time in 370."""
+    """Where the mean over the runs lies for an honest covariance, but for one time in 370.
+
+    **Raises:** `WhiskjaxError` where one of the two is no whole number from 1 on.
+    """
+    arrays = Arrays("nees_band")
+    for name, value in (("unknowns", unknowns), ("runs", runs)):
+        if not int(arrays.take_whole(name, value, "", meaning="a number of them")) > 0:
+            arrays.refuse(name, f"is {value}, but there is at least one")
     half = _SIGMAS * math.sqrt(2 * unknowns / runs)
     return unknowns - half, unknowns + half

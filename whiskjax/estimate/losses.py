@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..chain.camera import parameter
+from ..rules import Arrays, Numbers
 
 
 class AbstractLoss(eqx.Module):
@@ -25,10 +25,18 @@ class AbstractLoss(eqx.Module):
         """Weight of the observation, 1 for a good one."""
 
 
+def _bound(owner: str, bound: Float[Numbers, ""]) -> Float[Array, ""]:
+    return jnp.asarray(Arrays(owner).take("bound", bound, "", finite=True, above=0.0, meaning="a number of sigmas"))
+
+
 class Huber(AbstractLoss):
     """Quadratic up to `bound` sigmas (of the two-dimensional residual), linear beyond (Huber 1964)."""
 
-    bound: Float[Array, ""] | float = eqx.field(default=2.5, converter=parameter)
+    bound: Float[Array, ""]
+
+    def __init__(self, bound: Float[Numbers, ""] = 2.5):
+        """**Raises:** `WhiskjaxError` where the bound is no positive number."""
+        self.bound = _bound("Huber", bound)
 
     def factor(self, z):
         """sqrt(2 k s - k^2) / s beyond the bound."""
@@ -45,7 +53,11 @@ class Huber(AbstractLoss):
 class Cauchy(AbstractLoss):
     """Logarithmic: a blunder's pull vanishes as 1/s; for gross errors of many sigmas. Needs a start near the solution."""
 
-    bound: Float[Array, ""] | float = eqx.field(default=2.5, converter=parameter)
+    bound: Float[Array, ""]
+
+    def __init__(self, bound: Float[Numbers, ""] = 2.5):
+        """**Raises:** `WhiskjaxError` where the bound is no positive number."""
+        self.bound = _bound("Cauchy", bound)
 
     def factor(self, z):
         """sqrt(log(1 + z/c^2) / (z/c^2)), its series near zero."""

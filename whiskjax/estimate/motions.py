@@ -1,13 +1,12 @@
 """Unknowns of the corrections at a joint: biases, drifts and processes, an unknown for each coefficient and axis."""
 
+import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from ..chain.by import By
 from ..chain.correction import Correction
 from ..chain.sensor import Sensor
-from ..rules import WhiskjaxError
+from ..rules import Arrays, WhiskjaxError, need
 from .unknown import Unknown
 
 
@@ -31,7 +30,14 @@ def motion_unknowns(
 
     **Raises:** `WhiskjaxError` where the link is no correction, a sigma is negative, or no axis is left.
     """
-    sigma_of = {"turn_rad": _three("turn_sigma_rad", turn_sigma_rad), "shift_m": _three("shift_sigma_m", shift_sigma_m)}
+    need("motion_unknowns", "sensor", sensor, Sensor)
+    arrays = Arrays("motion_unknowns")
+    sigma_of = {
+        "turn_rad": arrays.take("turn_sigma_rad", turn_sigma_rad, "3", finite=True, least=0.0, within_rad=2 * math.pi),
+        "shift_m": arrays.take("shift_sigma_m", shift_sigma_m, "3", finite=True, least=0.0),
+    }
+    if coefficients is not None:
+        arrays.take_whole("coefficients", coefficients, "chosen")
     node = sensor[link]
     options = dict(zip(node.names, node.options, strict=True)) if isinstance(node, By) else {"": node}
     found = []
@@ -46,14 +52,7 @@ def motion_unknowns(
                     if sigma > 0:
                         name = f"{place.replace('.', '_')}_{field.split('_')[0]}_{'xyz'[axis]}"
                         name += str(k) if correction.basis.size > 1 else ""
-                        found.append(Unknown(name, f"{place}.{field}[{k},{axis}]", 0.0, sigma))
+                        found.append(Unknown(name, f"{place}.{field}[{k},{axis}]", 0.0, float(sigma)))
     if not found:
         raise WhiskjaxError(f"{link}: all sigmas are zero, so there is nothing to estimate")
     return tuple(found)
-
-
-def _three(name: str, sigmas: Sequence[float]) -> list[float]:
-    values = np.asarray(sigmas, dtype=float)
-    if values.shape != (3,) or not (np.isfinite(values) & (values >= 0)).all():
-        raise WhiskjaxError(f"{name}: three numbers are needed, zero or positive, not {sigmas}")
-    return values.tolist()

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..chain.shot import Shot
-from ..rules import WhiskjaxError
+from ..rules import Arrays, WhiskjaxError, need
+from ..rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,16 +41,22 @@ class Observations:
     points: Sequence[str] = ()
 
     def __post_init__(self):
-        n = len(self.point_m)
+        need("Observations", "shot", self.shot, Shot, "Shot(time_s=..., image=...)")
+        arrays = Arrays("Observations")
+        taken = {
+            "point_m": arrays.take("point_m", self.point_m, "n 3", absolute=True),
+            "pixel_px": arrays.take("pixel_px", self.pixel_px, "n 2"),
+            "sigma_px": arrays.take("sigma_px", self.sigma_px, "n 2"),
+            "is_control": arrays.take_flags("is_control", self.is_control, "n"),
+        }
+        if self.point_covariance_m2 is not None:
+            taken["point_covariance_m2"] = arrays.take("point_covariance_m2", self.point_covariance_m2, "n 3 3")
+        self.shot.fit(arrays, "n")
+        n = len(taken["point_m"])
         if n == 0:
             raise WhiskjaxError("there are no observations: nothing can be estimated from them")
-        shapes = {"point_m": (n, 3), "pixel_px": (n, 2), "sigma_px": (n, 2), "is_control": (n,)}
-        if self.point_covariance_m2 is not None:
-            shapes["point_covariance_m2"] = (n, 3, 3)
-        for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise WhiskjaxError(f"observations: {name} has shape {value.shape}, expected {shape}")
+        for name, value in taken.items():
+            value = np.asarray(value)
             object.__setattr__(self, name, value)
             if value.dtype.kind == "f" and not np.isfinite(value).all():
                 i = int(np.argwhere(~np.isfinite(value))[0, 0])
@@ -60,6 +67,11 @@ class Observations:
         for name in ("images", "points"):
             if len(getattr(self, name)) not in (0, n):
                 raise WhiskjaxError(f"observations: {len(getattr(self, name))} names of {name} for {n} observations")
+        for name in ("point_m", "pixel_px"):
+            refuse_sizes(getattr(self, name), lambda i, name=name: f"{self.label(i)}: {name}")
+        refuse_sigmas(self.sigma_px, lambda i: f"{self.label(i)}: sigma_px")
+        if self.point_covariance_m2 is not None:
+            refuse_covariances(self.point_covariance_m2, lambda i: f"{self.label(i)}: point_covariance_m2")
 
     def __len__(self) -> int:
         return len(self.point_m)
@@ -72,7 +84,7 @@ class Observations:
 
     def take(self, keep: np.ndarray) -> "Observations":
         """Those observations, by mask or index."""
-        index = np.arange(len(self))[keep]
+        index = Arrays("Observations.take").take_choice("keep", keep, len(self))
         pick: dict[str, Any] = {
             f: np.asarray(v)[index]
             for f in ("image", "swing", "view", "strip")

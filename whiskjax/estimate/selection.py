@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..chain.shot import KEYS
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, need
 from .calibrate import Calibration
 from .diagnosis import chi_square_tail
 
@@ -47,6 +47,9 @@ def compare(models: Mapping[str, Calibration]) -> Comparison:
 
     **Raises:** `WhiskjaxError` where the calibrations use different observations or weights.
     """
+    need("compare", "models", models, Mapping, "calibrations by name")
+    for name, model in models.items():
+        need("compare", f"models[{name!r}]", model, Calibration)
     if len(models) < 2:
         raise WhiskjaxError("compare: give at least two calibrations")
     first = next(iter(models.values()))

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Float
+import numpy as np
+from jaxtyping import Float
 
 from ..chain.address import Address, make_room, parse, put, read
 from ..chain.sensor import Sensor
-from ..rules import WhiskjaxError
+from ..rules import Arrays, Numbers, WhiskjaxError, need
+from ..rules.spread import LEAST_SCALE, MOST_SCALE, refuse_sigmas
 
 
 class Unit(NamedTuple):
@@ -27,6 +29,7 @@ _UNITS = {
     "_px": Unit("px", 1.0),
 }
 _NO_UNIT = Unit("1", 1.0)
+_FARTHEST = 1e12  # prior sigmas from the prior mean
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +54,14 @@ class Unknown:
     scale: float | None = None
 
     def __post_init__(self):
+        need("Unknown", "name", self.name, str)
+        need(f"Unknown {self.name}", "where", self.where, (str, tuple, list), "a place as 'camera.focal_px', or several")
+        if not self.places:
+            raise WhiskjaxError(f"unknown {self.name}: where is empty; a place is needed, as 'camera.focal_px'")
+        arrays = Arrays(f"Unknown {self.name}")
+        for field in ("mean", "sigma", "scale"):
+            value = arrays.take(field, getattr(self, field), "", optional=True)
+            object.__setattr__(self, field, None if value is None else float(value))
         if (self.mean is None) != (self.sigma is None):
             raise WhiskjaxError(f"unknown {self.name}: a prior has both a mean and a sigma; without a prior give a scale")
         if (self.sigma is None) == (self.scale is None):
@@ -60,6 +71,12 @@ class Unknown:
             raise WhiskjaxError(f"unknown {self.name}: sigma or scale must be a positive number, not {size}")
         if self.mean is not None and not math.isfinite(self.mean):
             raise WhiskjaxError(f"unknown {self.name}: the prior mean is {self.mean}")
+        if self.places[0].path[-1].endswith("_rad"):
+            arrays.take("mean", self.mean, "", optional=True, within_rad=2 * math.pi)
+        what = "scale" if self.sigma is None else "prior sigma"
+        if self.mean is not None and not abs(self.mean) <= MOST_SCALE:
+            raise WhiskjaxError(f"unknown {self.name}: a prior mean of {self.mean:g} is no number to reckon with")
+        refuse_sigmas(np.array([size]), lambda _: f"unknown {self.name}: its {what}", least=LEAST_SCALE, most=MOST_SCALE)
 
     @property
     def places(self) -> tuple[Address, ...]:
@@ -80,13 +97,23 @@ class Unknown:
         return size
 
 
+def need_unknowns(owner: str, name: str, unknowns: Sequence[Unknown]) -> None:
+    """**Raises:** `WhiskjaxError` where these are no unknowns; `owner` is whose argument they are."""
+    if isinstance(unknowns, Unknown):
+        raise WhiskjaxError(f"{owner}: {name} is one Unknown, but a list of them is expected: [{unknowns.name}]")
+    need(owner, name, unknowns, Sequence)
+    for i, unknown in enumerate(unknowns):
+        need(owner, f"{name}[{i}]", unknown, Unknown)
+
+
 def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
     """The sensor with a number wherever an unknown lives.
 
-    **Raises:** `WhiskjaxError` where there is no unknown, a name or a place is used twice, or a place does not exist.
+    **Raises:** `WhiskjaxError` where there is no sensor, no unknown, a name or a place is used twice, or a place does not exist.
     """
     if not unknowns:
         raise WhiskjaxError("there is nothing to estimate: give at least one Unknown")
+    need_unknowns("admit", "unknowns", unknowns)
     names, places = set(), set()
     for unknown in unknowns:
         if unknown.name in names:
@@ -100,14 +127,36 @@ def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
     return sensor
 
 
-def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[ArrayLike, " unknowns"]) -> Sensor:
+def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[Numbers, " unknowns"]) -> Sensor:
     """The sensor with unknowns set to values (k,) in the units of their fields; differentiable in the values.
 
     The way from a vector of parameters to an image: `jax.jacfwd(lambda v: project(assign(sensor, unknowns, v), shot, point))`.
     """
-    value = jnp.asarray(values, dtype=float)
+    need("assign", "sensor", sensor, Sensor)
+    need_unknowns("assign", "unknowns", unknowns)
+    value = jnp.asarray(Arrays("assign").take("values", values, str(len(unknowns)), meaning="one number for each unknown"))
     pairs = [(place, value[k]) for k, unknown in enumerate(unknowns) for place in unknown.places]
     return put(admit(sensor, unknowns), [place for place, _ in pairs], [v for _, v in pairs])
+
+
+def whitened(
+    unknowns: Sequence[Unknown], start: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Mean and scale of each unknown, and the start value in scales from the mean: value = mean + scale * u.
+
+    **Raises:** `WhiskjaxError` naming the first that starts so far from its prior mean that float64 holds no difference.
+    """
+    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
+    scale = np.array([x.size for x in unknowns])
+    u = (start - mean) / scale
+    far = ~(np.abs(u) <= _FARTHEST)
+    if far.any():
+        i = int(np.argmax(far))
+        raise WhiskjaxError(
+            f"unknown {unknowns[i].name}: the sensor starts at {start[i]:g}, {abs(u[i]):.3g} prior sigmas from its prior mean "
+            f"{mean[i]:g}: no measurement can tell them apart; look at mean, sigma and their unit"
+        )
+    return mean, scale, u
 
 
 def start_of(sensor: Sensor, unknown: Unknown) -> float:

@@ -6,15 +6,16 @@ from jaxtyping import Float
 from ..estimate.block.block import ROLES
 from ..flights.flight import Image, Measurements, Points
 from ..rules import FlightError
+from ..rules.spread import LEAST_SIGMA, MOST_SIGMA
 from .images import LINES
 from .names import listed, meant
 from .navigation import position_columns, positions
+from .sheet import Sheet
 from .source import IMAGES, Source
-from .tables import Column, Sheet, Table
+from .tables import Column, Table
 
 POINTS, OBSERVATIONS = "points.csv", "observations.csv"
 SIGMA_LINE_PX, SIGMA_LINES = "sigma_line_px", "sigma_lines"
-_HINT = "every measurement has a 1-sigma"
 SIGMAS = ("sigma_e_m", "sigma_n_m", "sigma_u_m")
 
 
@@ -29,7 +30,9 @@ def points_of(source: Source) -> tuple[Points, Table]:
         Column("point", text=True),
         *position_columns(sheet, source.toml.world.kind, blank=True),
         *(
-            Column(name, required=False, low=0.0, hint="a sigma is not negative; 0 means that the point is exact")
+            Column(
+                name, required=False, low=0.0, high=MOST_SIGMA, hint="a sigma is not negative; 0 means that the point is exact"
+            )
             for name in SIGMAS
         ),
         Column("role", choices=ROLES),
@@ -47,7 +50,7 @@ def points_of(source: Source) -> tuple[Points, Table]:
             )
             table.fail(row, what, f"{found}point {name!r} is there twice, first in line {table.lines[first]}; keep one of them")
         seen[name] = row
-    position = positions(table)
+    position = positions(table, source.toml.world.kind)
     for row in np.flatnonzero(np.isnan(position[:, 0])):
         if table["role"][row] != "tie":
             column = "lat_deg" if "lat_deg" in table else "x_m"
@@ -66,7 +69,7 @@ def measurements_of(source: Source, images: list[Image], points: Table) -> tuple
     columns = [
         *(Column(name, text=True) for name in ("image", "point")),
         *(Column(name) for name in ("line", "sample")),
-        Column("sigma_sample_px", positive=True, hint="every measurement has a 1-sigma in pixels"),
+        _sigma("sigma_sample_px"),
     ]
     sheet = source.sheet(OBSERVATIONS, "every flight")
     table = sheet.parse([*columns, *_line_sigmas(sheet, images)])
@@ -101,9 +104,13 @@ def _line_sigmas(sheet: Sheet, images: list[Image]) -> list[Column]:
                 f"{OBSERVATIONS}, line 1: {SIGMA_LINES} is of line cameras, but the camera is a frame camera, whose rows are "
                 f"pixels; give {SIGMA_LINE_PX}"
             )
-        return [Column(SIGMA_LINE_PX, positive=True, hint=_HINT)]
-    px = Column(SIGMA_LINE_PX, required=not in_lines, blank=in_lines, positive=True, hint=_HINT)
-    return [px, Column(SIGMA_LINES, required=False, blank=in_px, positive=True, hint=_HINT)]
+        return [_sigma(SIGMA_LINE_PX)]
+    return [_sigma(SIGMA_LINE_PX, not in_lines, in_lines), _sigma(SIGMA_LINES, False, in_px)]
+
+
+def _sigma(name: str, required: bool = True, blank: bool = False) -> Column:
+    hint = "every measurement has a 1-sigma"
+    return Column(name, required, blank, positive=True, low=LEAST_SIGMA, high=MOST_SIGMA, hint=hint)
 
 
 def _one_of_both(table: Table) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:

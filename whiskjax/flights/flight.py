@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
@@ -14,13 +14,13 @@ from ..chain.shot import KEYS, Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
 from ..earth.surface import AbstractSurface, HeightSurface, Plane
-from ..estimate.block.block import Block
+from ..estimate.block.block import ROLES, Block
 from ..estimate.block.pos_errors import PosErrors
 from ..estimate.observations import Observations
-from ..estimate.unknown import Unknown
+from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
-from ..rules import FlightError
+from ..rules import Arrays, FlightError, Numbers, need
 from .line_sigmas import ground_height_m, sigma_px, where_seen
 
 
@@ -38,6 +38,11 @@ class World:
     def __post_init__(self):
         if self.kind not in ("wgs84", "local"):
             raise FlightError(f"the world is 'wgs84' or 'local', not {self.kind!r}")
+        if self.origin is not None:
+            place = "latitude and longitude in degrees, height in metres"
+            lat, lon, _ = Arrays("World").take("origin", self.origin, "3", finite=True, meaning=place)
+            if not (abs(lat) <= 90 and abs(lon) <= 360):
+                raise FlightError(f"World: origin is latitude and longitude in degrees and height in metres, not {self.origin}")
         if self.height_datum != "ellipsoidal":
             raise FlightError(f"height_datum {self.height_datum!r}: heights are ellipsoidal; convert them with your geoid first")
 
@@ -69,6 +74,13 @@ class Image:
     columns: int | None = None
     rows: int | None = None
 
+    def __post_init__(self):
+        need("Image", "name", self.name, str)
+        arrays = Arrays(f"Image {self.name}")
+        arrays.take("time_s", self.time_s, "", optional=True, absolute=True, finite=True)
+        if self.lines is not None:
+            need(f"Image {self.name}", "lines", self.lines, LineTimes, "LineTimes(line, time_s)")
+
     def key(self, key: str) -> str | None:
         """The name behind a key of the shot."""
         return self.name if key == "image" else getattr(self, key)
@@ -82,6 +94,17 @@ class Points:
     position_m: Float[np.ndarray, "n 3"]
     sigma_enu_m: Float[np.ndarray, "n 3"]
     roles: Sequence[str]
+
+    def __post_init__(self):
+        arrays = Arrays("Points")
+        object.__setattr__(self, "position_m", np.asarray(arrays.take("position_m", self.position_m, "n 3", absolute=True)))
+        sigma = arrays.take("sigma_enu_m", self.sigma_enu_m, "n 3", finite=True, least=0.0, meaning="east, north, up")
+        object.__setattr__(self, "sigma_enu_m", np.asarray(sigma))
+        for name in ("names", "roles"):
+            arrays.fit(name, np.shape(getattr(self, name)), "n")
+        unknown = sorted(set(map(str, self.roles)) - set(ROLES))
+        if unknown:
+            raise FlightError(f"Points: roles: a point is a {', '.join(ROLES)} point, not {unknown}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,15 +128,17 @@ class Measurements:
     sigma_lines: np.ndarray | None = None
 
     def __post_init__(self):
-        if self.sigma_lines is None:
-            object.__setattr__(self, "sigma_lines", np.full(len(self.image), np.nan))
-        wrong = np.flatnonzero(np.isnan(self.sigma_line_px) != self.is_in_lines)
+        arrays = Arrays("Measurements")
+        in_px = np.asarray(arrays.take("sigma_line_px", self.sigma_line_px, "n"))
+        lines = np.full_like(in_px, np.nan) if self.sigma_lines is None else self.sigma_lines
+        lines = np.asarray(arrays.take("sigma_lines", lines, "n"))
+        object.__setattr__(self, "sigma_lines", lines)
+        wrong = np.flatnonzero(np.isnan(in_px) == np.isnan(lines))
         if wrong.size:
             raise FlightError(f"measurement {wrong[0]}: give sigma_line_px or sigma_lines, one of them, and NaN for the other")
-        wrong = np.flatnonzero(self.is_in_lines & ~(np.asarray(self.sigma_lines) > 0))
+        wrong = np.flatnonzero(lines <= 0)
         if wrong.size:
-            value = np.asarray(self.sigma_lines)[wrong[0]]
-            raise FlightError(f"measurement {wrong[0]}: sigma_lines must be positive, not {value:g}")
+            raise FlightError(f"measurement {wrong[0]}: sigma_lines must be positive, not {lines[wrong[0]]:g}")
 
     @property
     def is_in_lines(self) -> Bool[np.ndarray, " n"]:
@@ -144,6 +169,21 @@ class Flight:
     epoch: str = ""
     reference_point: str = ""
     notes: str = ""
+
+    def __post_init__(self):
+        for name, kind in (("sensor", Sensor), ("points", Points), ("measurements", Measurements), ("world", World)):
+            need("Flight", name, getattr(self, name), kind)
+        for i, image in enumerate(self.images):
+            need("Flight", f"images[{i}]", image, Image)
+        need_unknowns("Flight", "unknowns", self.unknowns)
+        m, arrays = self.measurements, Arrays("Flight")
+        for name, known in (("image", len(self.images)), ("point", len(self.points.names))):
+            index = np.asarray(arrays.take_whole(f"measurements.{name}", getattr(m, name), "n"))
+            wrong = np.flatnonzero((index < 0) | (index >= known))
+            if wrong.size:
+                raise FlightError(f"Flight: measurement {wrong[0]} is of {name} {index[wrong[0]]}, but there are {known}")
+        for name in ("line_px", "sample_px", "sigma_line_px", "sigma_sample_px", "sigma_lines"):
+            arrays.take(f"measurements.{name}", getattr(m, name), "n")
 
     def key_index(self, image: Image, key: str) -> int | None:
         """The index by which the shot names an image's swing, view, strip or the image itself; None where no link asks for it.
@@ -287,11 +327,11 @@ class Flight:
 
 
 @jax.jit
-def _height_m(point_m: Float[ArrayLike, "n 3"]) -> Float[Array, " n"]:
+def _height_m(point_m: Float[Numbers, "n 3"]) -> Float[Array, " n"]:
     return ecef_to_geodetic(point_m)[2]
 
 
 @jax.jit
-def _ecef_from_enu(point_m: Float[ArrayLike, "n 3"]) -> Float[Array, "n 3 3"]:
+def _ecef_from_enu(point_m: Float[Numbers, "n 3"]) -> Float[Array, "n 3 3"]:
     lat, lon, _ = ecef_to_geodetic(point_m)
     return enu_rotation(lat, lon)

@@ -1,18 +1,13 @@
 """What was measured: where one target was seen, look after look."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..chain.shot import Shot
-from ..rules import WhiskjaxError, is_traced, require_x64
-
-
-def _pixels(value: Any) -> Any:
-    return value if is_traced(value) else jnp.asarray(value, dtype=jnp.float64)
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, require_x64
+from ..rules.spread import refuse_sigmas, refuse_sizes
 
 
 class Looks(eqx.Module):
@@ -32,24 +27,31 @@ class Looks(eqx.Module):
     """
 
     shot: Shot
-    pixel_px: Float[Array, "looks 2"] = eqx.field(converter=_pixels)
-    sigma_px: Float[Array, "*looks 2"] = eqx.field(converter=_pixels)
+    pixel_px: Float[Array, "looks 2"] = eqx.field(converter=jnp.asarray)
+    sigma_px: Float[Array, "*looks 2"] = eqx.field(converter=jnp.asarray)
+
+    def __init__(self, shot: Shot, pixel_px: Float[Numbers, "looks 2"], sigma_px: Float[Numbers, "*looks 2"]):
+        require_x64("Looks")
+        need("Looks", "shot", shot, Shot, "Shot(time_s=...)")
+        arrays = Arrays("Looks")
+        self.shot, self.pixel_px = shot, arrays.take("pixel_px", pixel_px, "looks 2")
+        shape = "2" if np.ndim(sigma_px) < 2 else "looks 2"
+        self.sigma_px = arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0, meaning="or one pair for each look")
+        shot.fit(arrays, "looks")
 
     def __check_init__(self):
-        require_x64("Looks")
         pixel, sigma, time = self.pixel_px, self.sigma_px, self.shot.time_s
-        if pixel.ndim != 2 or pixel.shape[1] != 2:
-            raise WhiskjaxError(f"looks: pixel_px has shape {pixel.shape}, expected (looks, 2)")
         if len(pixel) == 0:
             raise WhiskjaxError("looks: there is none; one look gives a line, two from different places a point")
-        if sigma.shape not in ((2,), pixel.shape):
-            raise WhiskjaxError(f"looks: sigma_px has shape {sigma.shape}, expected (2,) or {pixel.shape}")
-        if time is not None and time.shape != pixel.shape[:1]:
-            raise WhiskjaxError(f"looks: {time.shape} times for {len(pixel)} pixels")
+        if time is not None:
+            Arrays("Looks").fit("shot.time_s", time.shape, str(len(pixel)))
         if not is_traced(pixel) and np.isinf(np.asarray(pixel)).any():
             raise WhiskjaxError(f"looks: the pixel of look {int(np.argwhere(np.isinf(np.asarray(pixel)))[0, 0])} is infinite")
-        if not is_traced(sigma) and not (np.asarray(sigma) > 0).all():
-            raise WhiskjaxError("looks: sigma_px must be positive")
+        if not is_traced(pixel):
+            refuse_sizes(np.asarray(pixel), lambda i: f"looks: the pixel of look {i}")
+        if not is_traced(sigma):
+            each = sigma.ndim == 2
+            refuse_sigmas(np.atleast_2d(np.asarray(sigma)), lambda i: f"looks: sigma_px{f' of look {i}' if each else ''}")
         if time is not None and not is_traced(time):
             _check_order(np.asarray(time))
 

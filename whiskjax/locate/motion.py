@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, Mat3, add, matmul, mul, transpose
 from ..chain.camera import parameter
-from ..rules import WhiskjaxError
+from ..rules import Arrays, Numbers
 from .update import Covariance, State
 
 
@@ -22,12 +22,13 @@ class ConstantVelocity(eqx.Module):
     """
 
     sigma_enu_mps: Float[Array, "3"] = eqx.field(converter=parameter)
-    acceleration_enu: Float[Array, "3"] = eqx.field(default=(0.0, 0.0, 0.0), converter=parameter)
+    acceleration_enu: Float[Array, "3"] = eqx.field(converter=parameter)
 
-    def __check_init__(self):
-        for name, value in (("sigma_enu_mps", self.sigma_enu_mps), ("acceleration_enu", self.acceleration_enu)):
-            if value.shape != (3,):
-                raise WhiskjaxError(f"constant velocity: {name} has shape {value.shape}, expected (3,)")
+    def __init__(self, sigma_enu_mps: Float[Numbers, "3"], acceleration_enu: Float[Numbers, "3"] = (0.0, 0.0, 0.0)):
+        """**Raises:** `WhiskjaxError` where there are not three numbers of each, or one is negative or not finite."""
+        arrays, axes = Arrays("ConstantVelocity"), "east, north, up"
+        self.sigma_enu_mps = arrays.take("sigma_enu_mps", sigma_enu_mps, "3", finite=True, least=0.0, meaning=axes)
+        self.acceleration_enu = arrays.take("acceleration_enu", acceleration_enu, "3", finite=True, least=0.0, meaning=axes)
 
 
 class Transition(NamedTuple):

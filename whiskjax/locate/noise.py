@@ -1,26 +1,28 @@
 """Errors of recorded poses that are new at every look: white noise of a frame, carried into the image by the chain."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
 from ..chain.pose import Motion
 from ..chain.sensor import Sensor
 from ..chain.sweep import Sweep
 from ..chain.turn import as_parameter
-from ..rules import WhiskjaxError, is_traced
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
+from ..rules.spread import refuse_sigmas
 
 
-def _sigmas(values: Any) -> Vec3:
+def _sigmas(arrays: Arrays, name: str, values: Any, within_rad: float | None = None) -> Vec3:
     """Three components; what is exactly zero stays structural and costs nothing."""
-    if len(values) != 3:
-        raise WhiskjaxError(f"a sigma about or along each of three axes is needed, not {values!r}")
-    for value in values:
-        if not is_traced(value) and not bool(np.all(np.isfinite(value) & (np.asarray(value) >= 0))):
-            raise WhiskjaxError(f"sigmas are finite and not negative, not {value!r}")
-    return tuple(0 if not is_traced(v) and np.ndim(v) == 0 and v == 0 else as_parameter(v) for v in values)
+    several = isinstance(values, tuple | list) or getattr(values, "ndim", 0) > 0
+    if not several or len(values) != 3:
+        arrays.refuse(name, f"is {values!r}; a sigma about or along each of three axes is needed")
+    taken = tuple(arrays.take(name, v, "...", finite=True, least=0.0, within_rad=within_rad) for v in values)
+    return tuple(0 if not is_traced(v) and np.ndim(v) == 0 and v == 0 else as_parameter(v) for v in taken)
 
 
 class FrameNoise(eqx.Module):
@@ -36,13 +38,30 @@ class FrameNoise(eqx.Module):
     """
 
     frame: str = eqx.field(static=True)
-    turn_sigma_rad: Vec3 = eqx.field(default=(0, 0, 0), converter=_sigmas)
-    shift_sigma_m: Vec3 = eqx.field(default=(0, 0, 0), converter=_sigmas)
+    turn_sigma_rad: Vec3
+    shift_sigma_m: Vec3
+
+    def __init__(
+        self,
+        frame: str,
+        turn_sigma_rad: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
+        shift_sigma_m: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
+    ):
+        """**Raises:** `WhiskjaxError` where there are not three sigmas of each, or one is negative, not finite or in degrees."""
+        need("FrameNoise", "frame", frame, str)
+        arrays = Arrays("FrameNoise")
+        self.frame = frame
+        self.turn_sigma_rad = _sigmas(arrays, "turn_sigma_rad", turn_sigma_rad, within_rad=2 * np.pi)
+        self.shift_sigma_m = _sigmas(arrays, "shift_sigma_m", shift_sigma_m)
 
     def check(self, sensor: Sensor) -> None:
-        """**Raises:** `WhiskjaxError` where the sensor has no such frame."""
+        """**Raises:** `WhiskjaxError` where the sensor has no such frame, or a sigma is none that anything can be weighed by."""
         if self.frame not in sensor.names:
             raise WhiskjaxError(f"no frame named {self.frame!r}; there are {', '.join(sensor.names)}")
+        for kind, sigmas in (("turn_sigma_rad", self.turn_sigma_rad), ("shift_sigma_m", self.shift_sigma_m)):
+            for sigma in sigmas:
+                if not is_traced(sigma):
+                    refuse_sigmas(np.atleast_1d(sigma), lambda _, kind=kind: f"noise of {self.frame}: {kind}", zero=True)
 
 
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))

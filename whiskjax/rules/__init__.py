@@ -1,9 +1,12 @@
 """What every room obeys: one enumeration of numerical failures, one family of errors, float64 where it matters."""
 
+from .arrays import Arrays as Arrays
+from .arrays import Numbers as Numbers
 from .errors import FlightError as FlightError
 from .errors import SensorError as SensorError
 from .errors import WhiskjaxError as WhiskjaxError
 from .extras import import_extra as import_extra
+from .kinds import need as need
 from .precision import is_traced as is_traced
 from .precision import require_x64 as require_x64
 from .results import RESULTS as RESULTS

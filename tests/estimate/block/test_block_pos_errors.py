@@ -67,11 +67,11 @@ def test_rows_without_time():
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"turn_sigma_rad": (1e-4, -1e-4, 0.0)}, "turn_sigma_rad is three numbers, zero or positive"),
-        ({"shift_sigma_m": (0.1, np.nan, 0.0)}, "shift_sigma_m is three numbers"),
-        ({"shift_sigma_m": (0.1, 0.1)}, "shift_sigma_m is three numbers"),
-        ({"turn_correlation_s": (1.0, 0.0, 1.0)}, "turn_correlation_s is three positive times"),
-        ({"shift_correlation_s": (1.0, np.inf, 1.0)}, "shift_correlation_s is three positive times"),
+        ({"turn_sigma_rad": (1e-4, -1e-4, 0.0)}, r"turn_sigma_rad is -0.0001 at index \(1,\); it must be 0 or more"),
+        ({"shift_sigma_m": (0.1, np.nan, 0.0)}, "shift_sigma_m holds no finite number"),
+        ({"shift_sigma_m": (0.1, 0.1)}, r"shift_sigma_m has shape \(2,\), expected \(3,\)"),
+        ({"turn_correlation_s": (1.0, 0.0, 1.0)}, r"turn_correlation_s is 0 at index \(1,\); it must be above 0"),
+        ({"shift_correlation_s": (1.0, np.inf, 1.0)}, "shift_correlation_s holds no finite number"),
         ({"turn_sigma_rad": (0.0,) * 3, "shift_sigma_m": (0.0,) * 3}, "all sigmas are zero"),
     ],
 )

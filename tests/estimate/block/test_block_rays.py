@@ -13,8 +13,6 @@ from whiskjax.estimate.block.rays import depend
 from whiskjax.estimate.unknown import start_of
 from whiskjax.flights import songshan
 
-MOTION = [wj.Unknown(f"{kind}{i}", "", scale=s) for kind, s in (("turn", 1e-4), ("shift", 0.1)) for i in range(3)]
-
 
 def three_lines():
     """Rays of all views and strips, with numbers in every link; unknowns of every kind."""

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...chain.shot import KEYS, Shot
-from ...rules import WhiskjaxError
+from ...rules import Arrays, WhiskjaxError, need
+from ...rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
 ROLES = ("control", "check", "tie")
 
@@ -47,16 +48,23 @@ class Block:
     strips: Sequence[str] = ()
 
     def __post_init__(self):
+        need("Block", "shot", self.shot, Shot, "Shot(time_s=..., image=...)")
+        arrays = Arrays("Block")
+        taken = {
+            "point": arrays.take_whole("point", self.point, "rays", meaning="the index of the point that each ray sees"),
+            "pixel_px": arrays.take("pixel_px", self.pixel_px, "rays 2"),
+            "sigma_px": arrays.take("sigma_px", self.sigma_px, "rays 2"),
+            "role": np.asarray(self.role),
+        }
+        arrays.fit("role", taken["role"].shape, "points")
+        taken["position_m"] = arrays.take("position_m", self.position_m, "points 3", absolute=True)
+        taken["covariance_m2"] = arrays.take("covariance_m2", self.covariance_m2, "points 3 3")
+        self.shot.fit(arrays, "rays")
+        for name, value in taken.items():
+            object.__setattr__(self, name, np.asarray(value))
         rays, points = len(self.point), len(self.role)
-        shapes = {"pixel_px": (rays, 2), "sigma_px": (rays, 2), "point": (rays,), "position_m": (points, 3)}
-        shapes |= {"covariance_m2": (points, 3, 3), "role": (points,)}
         if rays == 0:
             raise WhiskjaxError("the block has no rays: nothing can be adjusted")
-        for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name))
-            object.__setattr__(self, name, value)
-            if value.shape != shape:
-                raise WhiskjaxError(f"block: {name} has shape {value.shape}, expected {shape}")
         strip = self.shot.strip
         strips = 0 if strip is None else 1 + int(np.max(np.asarray(strip)))
         if len(self.strips) and len(self.strips) < strips:
@@ -64,19 +72,24 @@ class Block:
         for name, count in (("points", points), ("images", rays)):
             if len(getattr(self, name)) not in (0, count):
                 raise WhiskjaxError(f"block: {len(getattr(self, name))} names of {name} for {count}")
-        unknown = set(self.role) - set(ROLES)
+        unknown = set(self.role.tolist()) - set(ROLES)
         if unknown:
-            raise WhiskjaxError(f"block: a point is a {', '.join(ROLES)} point, not {sorted(unknown)}")
+            raise WhiskjaxError(f"Block: role: a point is a {', '.join(ROLES)} point, not {sorted(map(str, unknown))}")
         wrong = np.flatnonzero((self.point < 0) | (self.point >= points))
         if wrong.size:
             raise WhiskjaxError(f"ray {wrong[0]} sees point {self.point[wrong[0]]}, but the points are 0 to {points - 1}")
         self._require(np.isfinite(self.pixel_px).all(axis=1), "pixel_px is not a finite number")
-        self._require((self.sigma_px > 0).all(axis=1), "sigma_px must be a positive number")
+        self._require((np.isfinite(self.sigma_px) & (self.sigma_px > 0)).all(axis=1), "sigma_px must be a positive number")
         known = self.role != "tie"
         placed = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.covariance_m2).all(axis=(1, 2))
         if (known & ~placed).any():
             i = int(np.argmax(known & ~placed))
             raise WhiskjaxError(f"{self.point_label(i)} is a {self.role[i]} point, but its coordinates are not finite numbers")
+        refuse_sizes(self.pixel_px, lambda i: f"{self.ray_label(i)}: pixel_px")
+        refuse_sizes(np.where(known[:, None], self.position_m, 0.0), lambda i: f"{self.point_label(i)}: position_m")
+        refuse_sigmas(self.sigma_px, lambda i: f"{self.ray_label(i)}: sigma_px")
+        given = np.flatnonzero(known)
+        refuse_covariances(self.covariance_m2[given], lambda i: f"{self.point_label(int(given[i]))}: covariance_m2")
 
     def _require(self, fine: Any, message: str) -> None:
         if not fine.all():
@@ -111,9 +124,13 @@ class Block:
                 picked[name] = value[index]
         return Shot(**picked)
 
+    def point_name(self, i: int) -> str:
+        """The name of a point, or its number where there are no names."""
+        return str(self.points[i]) if len(self.points) else str(i)
+
     def point_label(self, i: int) -> str:
         """A point, named for people."""
-        return f"point {self.points[i]}" if len(self.points) else f"point {i}"
+        return f"point {self.point_name(i)}"
 
     def ray_label(self, i: int) -> str:
         """A ray, named for people."""
@@ -122,7 +139,7 @@ class Block:
 
     def keep(self, rays: np.ndarray) -> "Block":
         """The block with those rays only, by mask or index; all points stay, seen or not."""
-        index = np.arange(len(self))[rays]
+        index = Arrays("Block.keep").take_choice("rays", rays, len(self))
         images = [self.images[int(i)] for i in index] if len(self.images) else ()
         return dataclasses.replace(
             self,

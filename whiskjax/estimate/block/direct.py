@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...chain.sensor import Sensor
-from ...rules import WhiskjaxError
+from ...rules import WhiskjaxError, need
 from ...rules.results import codes_of
 from ..intersection import intersect
 from .adjustment import Statistics
@@ -44,6 +44,8 @@ def direct_positioning(sensor: Sensor, block: Block, *, ties: bool = False) -> D
 
     **Raises:** `WhiskjaxError` where the rays carry no strip.
     """
+    need("direct_positioning", "sensor", sensor, Sensor)
+    need("direct_positioning", "block", block, Block)
     strip = block.key("strip")
     if strip is None:
         raise WhiskjaxError("direct positioning goes strip by strip, but the rays of the block carry no strip")

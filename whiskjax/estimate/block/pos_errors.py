@@ -1,7 +1,6 @@
 """What is known of the POS errors before the adjustment: their size, and how fast they are forgotten."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +9,8 @@ from jaxtyping import Float
 from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
-from ...rules import WhiskjaxError
+from ...rules import Arrays, WhiskjaxError, need
+from ...rules.spread import LEAST_SIGMA, MOST_SIGMA, refuse_sigmas
 
 AXES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 
@@ -38,14 +38,18 @@ class PosErrors:
     observed: bool = True
 
     def __post_init__(self):
-        for name in ("turn_sigma_rad", "shift_sigma_m"):
-            values = np.asarray(getattr(self, name), dtype=float)
-            if values.shape != (3,) or not (np.isfinite(values) & (values >= 0)).all():
-                raise WhiskjaxError(f"PosErrors: {name} is three numbers, zero or positive, not {getattr(self, name)}")
+        need("PosErrors", "link", self.link, str)
+        arrays, axes = Arrays("PosErrors"), "x, y, z of the frame"
+        arrays.take("turn_sigma_rad", self.turn_sigma_rad, "3", finite=True, least=0.0, within_rad=2 * np.pi, meaning=axes)
+        arrays.take("shift_sigma_m", self.shift_sigma_m, "3", finite=True, least=0.0, meaning=axes)
         for name in ("turn_correlation_s", "shift_correlation_s"):
-            given = getattr(self, name)
-            if given is not None and not (len(given) == 3 and all(math.isfinite(c) and c > 0 for c in given)):
-                raise WhiskjaxError(f"PosErrors: {name} is three positive times in seconds or None, not {given}")
+            arrays.take(name, getattr(self, name), "3", optional=True, finite=True, above=0.0, meaning=axes)
+        refuse_sigmas(self.sigma, lambda i: f"PosErrors: the sigma of {AXES[i]}", zero=True)
+        for axis, c in zip(AXES, self.correlation_s, strict=True):
+            if c is not None and not LEAST_SIGMA < c < MOST_SIGMA:
+                raise WhiskjaxError(
+                    f"PosErrors: the correlation time of {axis} is {c:g} s: None is white noise, and a constant is an unknown"
+                )
         if not self.sigma.any():
             raise WhiskjaxError("PosErrors: all sigmas are zero, so the trajectory would not change: leave pos_errors out")
 
