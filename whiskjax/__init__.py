@@ -13,6 +13,8 @@ from .chain.correction import Correction as Correction
 from .chain.correction import Drift as Drift
 from .chain.correction import OrientationImages as OrientationImages
 from .chain.correction import Spline as Spline
+from .chain.image_scale import m_per_px as m_per_px
+from .chain.image_scale import px_per_line as px_per_line
 from .chain.imaging import image_to_ground as image_to_ground
 from .chain.imaging import project as project
 from .chain.imaging import ray as ray

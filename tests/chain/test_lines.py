@@ -22,6 +22,16 @@ def test_lines_and_times_are_linear_between_knots_and_inverse(lines):
     np.testing.assert_allclose(lines.line_at(time), line, rtol=0, atol=1e-4)
 
 
+def test_how_long_a_line_takes(lines):
+    """The slope of the table around a line; at a knot that of what follows, at the last one of what came before."""
+    line = np.array([0.0, 50.0, 99.9, 100.0, 250.0, 305.0, 310.0])
+    expected = [0.01, 0.01, 0.01, 0.015, 0.015, 0.01, 0.01]
+    # An epoch of 1.7e9 s is stored to 2.4e-7 s.
+    np.testing.assert_allclose(lines.s_per_line(line), expected, rtol=0, atol=1e-7)
+    assert float(lines.s_per_line(120.0)) == lines.s_per_line(np.array(120.0))
+    assert np.isnan(lines.s_per_line(np.array([-0.1, 310.1]))).all()
+
+
 def test_nothing_is_extrapolated(lines):
     assert np.isnan(lines.time_at(np.array([-0.01, 310.01]))).all()
     assert np.isnan(lines.line_at(TIME_S[[0, -1]] + [-1e-3, 1e-3])).all()

@@ -257,6 +257,12 @@ def test_frames(copy_of):
     copy_of("frames").cell("poses.csv", 3, "image", "8899").refused("poses.csv, line 3, column image", "'8899'", "8811, 8812")
 
 
+def test_a_frame_has_no_lines(copy_of):
+    copy_of("frames").rename("observations.csv", "sigma_line_px", "sigma_lines").refused(
+        "observations.csv, line 1", "sigma_lines is of line cameras", "give sigma_line_px"
+    )
+
+
 def test_image_without_a_pose(copy_of):
     copy_of("frames").keep_lines("poses.csv", lambda i: i != 4).refused(
         "images.csv, line 4, column image", "'8813' has no line in poses.csv"

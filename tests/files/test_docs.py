@@ -8,7 +8,9 @@ import pytest
 
 import whiskjax as wj
 from tests.files.folder import Folder
-from whiskjax.files import navigation, schema, source
+from whiskjax.chain.imaging import Projection
+from whiskjax.files import measured, navigation, schema, source
+from whiskjax.locate.location import LookByLook
 
 PAGE = (Path(__file__).parents[2] / "docs" / "flight-folder.md").read_text()
 
@@ -28,6 +30,20 @@ def test_example_is_a_flight(example):
     assert np.abs(pixel - o.pixel_px).max() < 2e-3  # the points of the example have 8 decimals
 
 
+SAID = (
+    "Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not "
+    "lines: one line is `px_per_line` of them."
+)
+
+
+def test_what_the_second_coordinate_of_a_line_camera_is():
+    """One sentence, wherever it is spoken of."""
+    speakers = (wj.Observations, wj.Block, wj.Looks, wj.LineCamera, wj.Calibration, wj.Adjustment, wj.ray, wj.project)
+    told = {x.__name__: x.__doc__ for x in (*speakers, wj.image_to_ground, wj.intersect, Projection, LookByLook)}
+    told |= {"flight-folder.md": PAGE, "conventions.md": (Path(__file__).parents[2] / "docs" / "conventions.md").read_text()}
+    assert [name for name, text in told.items() if SAID not in " ".join(text.split())] == []
+
+
 def test_every_key_is_documented():
     models = {schema.FlightTable, *schema.LINKS.values(), *schema.CAMERAS.values(), *schema.TABLES.values()}
     for model in models:
@@ -38,6 +54,11 @@ def test_every_key_is_documented():
 
 
 def test_every_column_is_documented():
-    known = [*navigation._COLUMNS, *(name for names in navigation.VELOCITIES for name in names)]
+    known = [
+        measured.SIGMA_LINE_PX,
+        measured.SIGMA_LINES,
+        *navigation._COLUMNS,
+        *(name for names in navigation.VELOCITIES for name in names),
+    ]
     for name in (*known, *(column.name for column in source._IMAGE_COLUMNS)):
         assert f"`{name}`" in PAGE, name

@@ -108,6 +108,15 @@ def _unseen() -> Adjusted:
     return dataclasses.replace(found, adjustment=dataclasses.replace(found.adjustment, point_m=point, covariance_m2=covariance))
 
 
+def _over_the_earth() -> Flight:
+    """The scanner with one correction: seven of them take XLA long, and nobody looks at them here."""
+    flight = made_up.scanner()
+    links = dict(zip(flight.sensor.names, flight.sensor.links, strict=True))
+    for name in ("drift", "smooth", "walk", "forget", "warm", "bias"):
+        del links[name]
+    return dataclasses.replace(flight, sensor=wj.Sensor(links, flight.sensor.camera))
+
+
 CASES = {
     "sound": lambda: dataclasses.replace(adjusted(strips()), standard=LIMITS),
     "direct": _direct,
@@ -120,7 +129,7 @@ CASES = {
     "trajectory kept": lambda: adjusted(strips(), pos_errors=None),
     "limits missed": lambda: dataclasses.replace(adjusted(strips()), standard=Standard("strict", 0.001, 10.0)),
     "not consistent": lambda: adjusted(strips(), variance_factor=4.0, tail_probability=0.0, is_consistent=False),
-    "lines over the Earth": lambda: adjusted(made_up.scanner()),
+    "lines over the Earth": lambda: adjusted(_over_the_earth()),
     "frames": lambda: adjusted(made_up.frames()),
 }
 

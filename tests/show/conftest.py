@@ -41,6 +41,7 @@ def made_up(n_images, per_image, *, spread=True, columns=4000, rows=3000, time=F
     """Residuals of a frame camera: so many images with so many points each, at one place of the image unless `spread`."""
     from whiskjax.estimate.reliability import Reliability
     from whiskjax.show.residuals import Residuals
+    from whiskjax.show.scales import Scales
 
     rng = np.random.default_rng(1)
     n = n_images * per_image
@@ -51,13 +52,14 @@ def made_up(n_images, per_image, *, spread=True, columns=4000, rows=3000, time=F
         image=np.repeat(np.arange(n_images), per_image),
         points=tuple(f"p{i}" for i in range(n)),
         is_control=np.arange(n) % 5 > 0,
-        place_px=place,
+        place=place,
         time_s=np.sort(rng.uniform(0, 60, n)) if time else None,
         before_px=after + [40.0, -25.0],
         after_px=after,
         sigma_px=np.full((n, 2), 0.3),
         weight=np.ones(n),
         reliability=Reliability(np.full((n, 2), 0.9), after / 0.3, np.full((n, 2), 1.3), (after**2).sum(1) / 0.09),
+        scales=Scales(np.broadcast_to(0.1 * np.eye(2), (n, 2, 2)), None),
         is_line=False,
     )
 

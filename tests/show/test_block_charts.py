@@ -41,7 +41,7 @@ def test_axes_have_units():
     assert labels(draw_residual_vectors(made("sound"))) == (["east (km)"] * 3, ["north (km)"])
     assert labels(draw_point_errors(made("sound"))) == (["east (km)"] * 2, ["north (km)"])
     x, y = labels(draw_detector(made("sound")))
-    assert x == ["sample (px)"] * 3 and y == ["x residual, sample (px)", "y residual, line (px)"]
+    assert x == ["sample (px)"] * 3 and y == ["x residual, along the line (px)", "y residual, across the line (px)"]
     assert labels(draw_detector(made("frames")))[0] == ["column (px)", "row (px)"]
     x, y = labels(draw_corrections(made("sound"), made("sound").course))
     assert x == ["s after 0 s", "s after 490 s"] and y[0] == "turn x\n(mdeg)" and y[-1] == "shift z\n(cm)"

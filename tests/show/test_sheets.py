@@ -32,4 +32,4 @@ def test_every_observation_is_there(residuals, calibration, tmp_path):
     for stage, expected in (("before", calibration.residual_before_px), ("after", calibration.residual_after_px)):
         written = np.array([[float(row[f"x_{stage}_px"]), float(row[f"y_{stage}_px"])] for row in rows])
         np.testing.assert_array_equal(written, expected)
-    assert {"line_px", "sample_px", "time_s", "weight"} <= rows[0].keys()
+    assert {"line", "sample_px", "time_s", "weight"} <= rows[0].keys()

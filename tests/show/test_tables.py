@@ -31,7 +31,7 @@ def test_parameters_are_those_of_the_summary(summary):
 
 
 def test_residuals_are_those_of_the_summary(summary):
-    by_place = {(r["image"] or "all", r["role"], r["axis"], r["stage"]): r for r in summary["residuals"]}
+    by_place = {(r["image"] or "all", r["role"], r["axis_name"], r["stage"]): r for r in summary["residuals"]}
     image = role = None
     rows = tables.residuals(summary).rows
     for row in rows:

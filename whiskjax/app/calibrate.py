@@ -133,7 +133,7 @@ def _print(summary: "Summary", out: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ..show.tables import blunders, for_terminal, largest, parameters, residuals, weights
+    from ..show.tables import blunders, for_terminal, largest, parameters, residuals, sizes, weights
 
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -156,7 +156,7 @@ def _print(summary: "Summary", out: Path) -> None:
     )
     if counts["tie_observations_left_out"]:
         say(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")
-    tables = (parameters(summary), residuals(summary), weights(summary), blunders(summary), largest(summary))
+    tables = (parameters(summary), residuals(summary), sizes(summary), weights(summary), blunders(summary), largest(summary))
     for table in filter(None, tables):
         console.print()
         console.print(for_terminal(table))

@@ -177,7 +177,7 @@ def _locate(
     from ..locate.locate import locate as solve
     from ..show.location.target_sighting import Sighting
 
-    looks, measurement = flight.looks(points)
+    looks, measurement = flight.looks(points, height)
     remarks = []
     if (np.diff(measurement) < 0).any():
         remarks.append("the looks were not in the order of time in observations.csv; they were sorted")

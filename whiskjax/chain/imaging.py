@@ -39,7 +39,11 @@ class Ray(NamedTuple):
 
 
 class Projection(NamedTuple):
-    """Where a point is imaged: (sample or column, line offset or row), (..., 2)."""
+    """Where a point is imaged: (sample or column, line offset or row), (..., 2).
+
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+    """
 
     pixel_px: Float[Array, "... 2"]
     result: RESULTS
@@ -170,6 +174,9 @@ def _ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]) -> Ray:
 def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], *, throw: bool = True) -> Ray:
     """Line of sight of a pixel as it leaves the camera: refraction bends it only on its way, see `image_to_ground`.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments:**
 
     - `shot`: its fields broadcast against the pixels' batch shape.
@@ -201,6 +208,9 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], *, thr
     For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
     finds the time when it is imaged on the line. Whether the pixel lies on the detector is not asked here.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments:**
 
     - `shot`: its fields broadcast against the points' batch shape.
@@ -229,6 +239,9 @@ def image_to_ground(
     sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], surface: AbstractSurface, *, throw: bool = True
 ) -> GroundPoint:
     """Where on a surface a pixel looks, along the bent ray where the sensor has a refraction.
+
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
 
     **Arguments:**
 

@@ -33,6 +33,9 @@ class LineCamera(AbstractCamera):
     when the shot's time is exactly right. Sample s lies at along = along_sign (s - principal_sample_px) and across = offset_px,
     plus, with self-calibration, two cubics in (s - principal) / half_width_px: the detector line as it really lies.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments:**
 
     - `focal_px`: focal length in pixels.

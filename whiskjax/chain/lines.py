@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..rules import Arrays, WhiskjaxError, require_x64
 
@@ -38,6 +38,17 @@ class LineTimes(eqx.Module):
         """Line that was exposed at a time."""
         time_s = Arrays("LineTimes.line_at").take("time_s", time_s, "...", absolute=True)
         return jnp.interp(time_s, self.time_s, self.line, left=jnp.nan, right=jnp.nan)
+
+    def s_per_line(self, line: Float[ArrayLike, "..."]) -> Float[Array, "..."] | Float[np.ndarray, "..."]:
+        """How long a line takes, in seconds: the slope of the table at a line; at a knot that of the lines after it.
+
+        Numpy arrays give numpy arrays, for which nothing is compiled.
+        """
+        xp = np if isinstance(line, np.ndarray) else jnp
+        lines, time = xp.asarray(self.line), xp.asarray(self.time_s)
+        last = xp.clip(xp.searchsorted(lines, xp.asarray(line), side="right"), 1, len(lines) - 1)
+        known = (line >= lines[0]) & (line <= lines[-1])
+        return xp.where(known, (time[last] - time[last - 1]) / (lines[last] - lines[last - 1]), xp.nan)
 
     @property
     def window_s(self) -> tuple[Float[Array, ""], Float[Array, ""]]:

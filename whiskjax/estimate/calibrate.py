@@ -50,8 +50,11 @@ class Calibration:
     """A calibrated sensor, and what says how far to trust it.
 
     Values and sigmas are in the unit of the fields (m, rad, s, px); `Unknown.unit` shows them to people. Residuals are measured -
-    projected in pixels, (n, 2) as (sample or column, line or row), for control and check points alike. Where weights were
+    projected in pixels, (n, 2) as (sample or column, line offset or row), for control and check points alike. Where weights were
     estimated, `unknowns` and `observations` carry the new sigmas, and `components` the factors; else it is None.
+
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
 
     `robust_weight` is 1 for a good observation, less under a robust loss, 0 for a blunder that was left out.
     `used` are the observations that decided: control points that are no blunders. `check_log_density` is the mean logarithm of

@@ -51,6 +51,9 @@ def intersect(
     Starts where the rays come closest in space, then takes Gauss-Newton steps on the pixel residuals, with closed
     3x3 solutions for each point.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments:**
 
     - `shot`: fields of shape (rays,).

@@ -16,6 +16,9 @@ from ..rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 class Observations:
     """Image measurements of points with known coordinates; residual = measured - projected, in pixels.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments** (n observations):
 
     - `shot`: time and keys, each (n,).

@@ -10,10 +10,12 @@ from ..rules.spread import LEAST_SIGMA, MOST_SIGMA
 from .images import LINES
 from .names import listed, meant
 from .navigation import position_columns, positions
+from .sheet import Sheet
 from .source import IMAGES, Source
 from .tables import Column, Table
 
 POINTS, OBSERVATIONS = "points.csv", "observations.csv"
+SIGMA_LINE_PX, SIGMA_LINES = "sigma_line_px", "sigma_lines"
 SIGMAS = ("sigma_e_m", "sigma_n_m", "sigma_u_m")
 
 
@@ -61,18 +63,16 @@ def points_of(source: Source) -> tuple[Points, Table]:
 def measurements_of(source: Source, images: list[Image], points: Table) -> tuple[Measurements, Table]:
     """The measurements, and the table that they came from.
 
-    **Raises:** `FlightError` for an image or point that does not exist, a measurement that is there twice, and a line outside the
-    lines of its image.
+    **Raises:** `FlightError` for an image or point that does not exist, a measurement that is there twice, a line outside the
+    lines of its image, and one whose sigma is said twice or not at all.
     """
     columns = [
         *(Column(name, text=True) for name in ("image", "point")),
         *(Column(name) for name in ("line", "sample")),
-        *(
-            Column(name, positive=True, low=LEAST_SIGMA, high=MOST_SIGMA, hint="every measurement has a 1-sigma in pixels")
-            for name in ("sigma_line_px", "sigma_sample_px")
-        ),
+        _sigma("sigma_sample_px"),
     ]
-    table = source.sheet(OBSERVATIONS, "every flight").parse(columns)
+    sheet = source.sheet(OBSERVATIONS, "every flight")
+    table = sheet.parse([*columns, *_line_sigmas(sheet, images)])
     if not len(table):
         raise FlightError(f"{OBSERVATIONS} has no observations: nothing can be estimated from it; add a line for each")
     index = {
@@ -82,7 +82,8 @@ def measurements_of(source: Source, images: list[Image], points: Table) -> tuple
     line, sample = (table[name] - source.first_centre for name in ("line", "sample"))
     _refuse_repeats(table)
     _check_lines(table, images, index["image"], line)
-    found = Measurements(index["image"], index["point"], line, sample, table["sigma_line_px"], table["sigma_sample_px"])
+    sigma_px, sigma_lines = _one_of_both(table)
+    found = Measurements(index["image"], index["point"], line, sample, sigma_px, table["sigma_sample_px"], sigma_lines)
     return found, table
 
 
@@ -92,6 +93,37 @@ def _indices(table: Table, column: str, names: list[str], file: str) -> np.ndarr
         if name not in known:
             table.fail(row, column, f"no {column} named {name!r}{meant(name, names)}; {file} has {listed(names)}")
     return np.array([known[name] for name in table[column]])
+
+
+def _line_sigmas(sheet: Sheet, images: list[Image]) -> list[Column]:
+    """How well lines were measured: of a frame camera in pixels, of a line camera in pixels or in lines, row by row."""
+    in_px, in_lines = (name in sheet.header for name in (SIGMA_LINE_PX, SIGMA_LINES))
+    if images[0].lines is None:
+        if in_lines:
+            raise FlightError(
+                f"{OBSERVATIONS}, line 1: {SIGMA_LINES} is of line cameras, but the camera is a frame camera, whose rows are "
+                f"pixels; give {SIGMA_LINE_PX}"
+            )
+        return [_sigma(SIGMA_LINE_PX)]
+    return [_sigma(SIGMA_LINE_PX, not in_lines, in_lines), _sigma(SIGMA_LINES, False, in_px)]
+
+
+def _sigma(name: str, required: bool = True, blank: bool = False) -> Column:
+    hint = "every measurement has a 1-sigma"
+    return Column(name, required, blank, positive=True, low=LEAST_SIGMA, high=MOST_SIGMA, hint=hint)
+
+
+def _one_of_both(table: Table) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """The sigma of each line in pixels and in lines, NaN in one of them."""
+    px, lines = (table[name] if name in table else np.full(len(table), np.nan) for name in (SIGMA_LINE_PX, SIGMA_LINES))
+    for row in np.flatnonzero(np.isnan(px) == np.isnan(lines)):
+        told = (
+            f"is blank, and so is {SIGMA_LINE_PX}" if np.isnan(px[row]) else f"{lines[row]:g}, but {SIGMA_LINE_PX} is {px[row]:g}"
+        )
+        table.fail(
+            int(row), SIGMA_LINES, f"{told}; how well the line was measured is said once: in lines, or in focal-plane pixels"
+        )
+    return px, lines
 
 
 def _refuse_repeats(table: Table) -> None:

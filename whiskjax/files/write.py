@@ -13,7 +13,7 @@ from ..rules import FlightError, require_x64
 from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s, refraction_to_toml
 from .flight_toml import NAME
 from .images import LINES
-from .measured import OBSERVATIONS, POINTS, SIGMAS
+from .measured import OBSERVATIONS, POINTS, SIGMA_LINE_PX, SIGMA_LINES, SIGMAS
 from .names import listed
 from .navigation import position_texts
 from .noise import noise_to_toml
@@ -157,13 +157,17 @@ def _points(flight: Flight) -> str:
 
 def _observations(flight: Flight) -> str:
     m = flight.measurements
+    if not flight.is_line and m.is_in_lines.any():
+        raise FlightError(f"measurement {int(np.argmax(m.is_in_lines))}: sigma_lines is of line cameras; give sigma_line_px")
+    # Each sigma in the unit in which it was given: how many pixels a line is follows from the chain.
+    sigmas = {SIGMA_LINE_PX: ~m.is_in_lines.all(), SIGMA_LINES: m.is_in_lines.any()}
     return table_text(
         {
             "image": texts(flight.images[i].name for i in m.image),
             "point": texts(flight.points.names[i] for i in m.point),
             "line": exact(m.line_px),
             "sample": exact(m.sample_px),
-            "sigma_line_px": exact(m.sigma_line_px),
+            **{name: exact(getattr(m, name)) for name, given in sigmas.items() if given},
             "sigma_sample_px": exact(m.sigma_sample_px),
         }
     )

@@ -6,13 +6,14 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..earth.frames import enu_rotation
+from ..earth.surface import AbstractSurface, HeightSurface, Plane
 from ..estimate.block.block import ROLES, Block
 from ..estimate.block.pos_errors import PosErrors
 from ..estimate.observations import Observations
@@ -20,6 +21,7 @@ from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
 from ..rules import Arrays, FlightError, Numbers, need
+from .line_sigmas import ground_height_m, sigma_px, where_seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +51,14 @@ class World:
         if self.kind == "local" or len(position_m) == 0:
             return np.broadcast_to(np.eye(3), (len(position_m), 3, 3))
         return np.asarray(_ecef_from_enu(np.nan_to_num(position_m, nan=6.4e6)))
+
+    def height_m(self, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Ellipsoidal heights of world positions; z of a local world."""
+        return position_m[:, 2] if self.kind == "local" else np.asarray(_height_m(position_m))
+
+    def surface(self, height_m: float) -> AbstractSurface:
+        """All points of one height."""
+        return Plane((0.0, 0.0, height_m), (0.0, 0.0, 1.0)) if self.kind == "local" else HeightSurface(height_m)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,9 +109,14 @@ class Points:
 
 @dataclasses.dataclass(frozen=True)
 class Measurements:
-    """Image measurements as recorded: which image, which point (indices), line and sample in pixels with 1-sigma, (n,) each.
+    """Image measurements as recorded: which image, which point (indices), where and how well, (n,) each.
 
-    The centre of the first pixel is at (0, 0).
+    - `line_px`, `sample_px`: row and column of a frame; of a line camera the number of the line, which says when the point was
+      seen, and the sample along the detector. The first pixel's centre is 0.
+    - `sigma_sample_px`: 1-sigma of the sample.
+    - `sigma_line_px`: 1-sigma of the row; of a line camera in focal-plane pixels across the line. NaN where in `sigma_lines`.
+    - `sigma_lines`: of a line camera, 1-sigma of the line number, in lines; NaN where in `sigma_line_px`. The flight turns it
+      into pixels (`px_per_line`) where it makes observations, rays or looks.
     """
 
     image: np.ndarray
@@ -110,6 +125,25 @@ class Measurements:
     sample_px: np.ndarray
     sigma_line_px: np.ndarray
     sigma_sample_px: np.ndarray
+    sigma_lines: np.ndarray | None = None
+
+    def __post_init__(self):
+        arrays = Arrays("Measurements")
+        in_px = np.asarray(arrays.take("sigma_line_px", self.sigma_line_px, "n"))
+        lines = np.full_like(in_px, np.nan) if self.sigma_lines is None else self.sigma_lines
+        lines = np.asarray(arrays.take("sigma_lines", lines, "n"))
+        object.__setattr__(self, "sigma_lines", lines)
+        wrong = np.flatnonzero(np.isnan(in_px) == np.isnan(lines))
+        if wrong.size:
+            raise FlightError(f"measurement {wrong[0]}: give sigma_line_px or sigma_lines, one of them, and NaN for the other")
+        wrong = np.flatnonzero(lines <= 0)
+        if wrong.size:
+            raise FlightError(f"measurement {wrong[0]}: sigma_lines must be positive, not {lines[wrong[0]]:g}")
+
+    @property
+    def is_in_lines(self) -> Bool[np.ndarray, " n"]:
+        """Where the sigma of the line is in lines."""
+        return ~np.isnan(np.asarray(self.sigma_lines, dtype=float))
 
     def __len__(self) -> int:
         return len(self.image)
@@ -148,7 +182,7 @@ class Flight:
             wrong = np.flatnonzero((index < 0) | (index >= known))
             if wrong.size:
                 raise FlightError(f"Flight: measurement {wrong[0]} is of {name} {index[wrong[0]]}, but there are {known}")
-        for name in ("line_px", "sample_px", "sigma_line_px", "sigma_sample_px"):
+        for name in ("line_px", "sample_px", "sigma_line_px", "sigma_sample_px", "sigma_lines"):
             arrays.take(f"measurements.{name}", getattr(m, name), "n")
 
     def key_index(self, image: Image, key: str) -> int | None:
@@ -210,10 +244,12 @@ class Flight:
         role = np.asarray(self.points.roles)[self.measurements.point]
         keep = np.flatnonzero(role != "tie")
         image, point = self.measurements.image[keep], self.measurements.point[keep]
+        shot, position = self.shot(image, self.measurements.line_px[keep]), self.points.position_m[point]
         return Observations(
-            self.shot(image, self.measurements.line_px[keep]),
-            self.points.position_m[point],
-            *self._pixels(keep),
+            shot,
+            position,
+            self._pixels(keep),
+            sigma_px(self, keep, shot, position, at_crossing=False),
             role[keep] == "control",
             self.point_covariance_m2()[point],
             [self.images[int(i)].name for i in image],
@@ -226,14 +262,16 @@ class Flight:
         Points keep their indices, seen or not. Where every image has a strip, so have the rays: by the sensor's own numbers, or,
         where no link asks for strips, by those of `strips`.
         """
-        role = np.asarray(self.points.roles)
+        role, every = np.asarray(self.points.roles), np.arange(len(self.measurements))
         shot = self.shot(self.measurements.image, self.measurements.line_px)
+        sigma = sigma_px(self, every, shot, self._where_rays_go(), at_crossing=True)
         if shot.strip is None and self.strips:
             numbers = np.array([self.strips.index(image.key("strip")) for image in self.images])
             shot = dataclasses.replace(shot, strip=numbers[self.measurements.image])
         return Block(
             shot,
-            *self._pixels(np.arange(len(self.measurements))),
+            self._pixels(every),
+            sigma,
             self.measurements.point,
             np.where((role == "tie")[:, None], np.nan, self.points.position_m),
             self.point_covariance_m2(),
@@ -243,8 +281,11 @@ class Flight:
             self.strips,
         )
 
-    def looks(self, points: Sequence[int]) -> tuple[Looks, Int[np.ndarray, " looks"]]:
+    def looks(self, points: Sequence[int], height_m: float | None = None) -> tuple[Looks, Int[np.ndarray, " looks"]]:
         """The measurements of some points (indices) as looks at one target, ready for `locate`.
+
+        **Arguments:** `height_m`: about how high the target lies, which tells how many pixels a line is where sigmas are in
+        lines; by default the mean of the other points with coordinates.
 
         **Returns:** the looks in the order of time, where images have times, and the index of the measurement behind each.
 
@@ -255,18 +296,39 @@ class Flight:
         if time is not None:
             index = index[np.argsort(np.asarray(time), kind="stable")]
         shot = self.shot(self.measurements.image[index], self.measurements.line_px[index])
-        return Looks(shot, *self._pixels(index)), index
+        seen = np.full((len(index), 3), np.nan)
+        if self.is_line and self.measurements.is_in_lines[index].any():
+            height = lambda: ground_height_m(self, index, points) if height_m is None else height_m
+            seen = where_seen(self, index, np.zeros(len(index), dtype=int), height)
+        return Looks(shot, self._pixels(index), sigma_px(self, index, shot, seen, at_crossing=False)), index
 
-    def _pixels(self, index: np.ndarray) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-        """Measured (sample, line offset) or (column, row), and their sigmas."""
+    def _pixels(self, index: np.ndarray) -> Float[np.ndarray, "n 2"]:
+        """Measured (sample, line offset) or (column, row): at its own time a point lies on the line, at offset zero."""
         m, line = self.measurements, self.measurements.line_px[index]
-        pixel = np.stack([m.sample_px[index], np.zeros_like(line) if self.is_line else line], axis=-1)
-        return pixel, np.stack([m.sigma_sample_px[index], m.sigma_line_px[index]], axis=-1)
+        return np.stack([m.sample_px[index], np.zeros_like(line) if self.is_line else line], axis=-1)
+
+    def _where_rays_go(self) -> Float[np.ndarray, "n 3"]:
+        """About where each ray of a block meets the ground, as `adjust` begins: control points where they are given, others where
+        their rays meet. NaN where nobody needs it.
+        """
+        m = self.measurements
+        is_control = (np.asarray(self.points.roles) == "control")[m.point]
+        where = np.where(is_control[:, None], self.points.position_m[m.point], np.nan)
+        rest = np.flatnonzero(~is_control)
+        if self.is_line and m.is_in_lines[rest].any():
+            whose = np.unique(m.point[rest], return_inverse=True)[1]
+            where[rest] = where_seen(self, rest, whose, lambda: ground_height_m(self, rest))
+        return where
 
     def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:
         """Covariance of the points' coordinates in the world frame, from their east, north, up sigmas."""
         axes = self.world.from_enu(self.points.position_m)
         return np.einsum("nij,nj,nkj->nik", axes, np.asarray(self.points.sigma_enu_m) ** 2, axes)
+
+
+@jax.jit
+def _height_m(point_m: Float[Numbers, "n 3"]) -> Float[Array, " n"]:
+    return ecef_to_geodetic(point_m)[2]
 
 
 @jax.jit

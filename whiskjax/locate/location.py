@@ -23,6 +23,9 @@ class LookByLook(eqx.Module):
     before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
     residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
     whether its pose is known, `at_end` whether it can have seen the target where the estimate ended.
+
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
     """
 
     point_m: Float[Array, "looks 3"]

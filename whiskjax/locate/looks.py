@@ -13,6 +13,9 @@ from ..rules.spread import refuse_sigmas, refuse_sizes
 class Looks(eqx.Module):
     """Image measurements of one target, in the order of time.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments:**
 
     - `shot`: time and keys of each look, (looks,).

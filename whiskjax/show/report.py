@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from .page import render
 from .plain import Summary, probability
 from .style import Drawing
-from .tables import blunders, correlations, detectable, fixed, largest, parameters, residuals, short, weights
+from .tables import blunders, correlations, detectable, fixed, largest, parameters, residuals, short, sizes, weights
 
 
 def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
@@ -19,6 +19,7 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
     tables = {
         "parameters": parameters(summary),
         "residuals": residuals(summary),
+        "sizes": sizes(summary),
         "correlations": correlations(summary),
         "largest": largest(summary),
         "blunders": blunders(summary),

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from ..estimate.calibrate import Calibration
 from ..estimate.reliability import Reliability
 from ..flights.flight import Flight, Image
+from .scales import Scales, axes_of, places_of, scales_of, words_of
 
 STAGES = ("before", "after")
 FEW = 4  # below so many points an image has no pattern and no statistics of its own
@@ -17,22 +18,24 @@ FEW = 4  # below so many points an image has no pattern and no statistics of its
 class Residuals:
     """The n observations of a calibration, measured - projected, before and after it.
 
-    `x` is the sample of a line camera or the column of a frame, `y` the line or row; `place_px` is where in the image the point
-    was measured, as (x, y). `weight` is what a robust loss left of an observation: 1 without one, 0 for a blunder that was left
-    out.
+    `x` is along the detector line of a line camera (the sample) or the column of a frame, `y` across the line, in focal-plane
+    pixels, or the row; `scales` turns residuals into lines and metres. `place` is where in the image the point was measured:
+    sample (px) and line (a count), or column and row (px). `weight` is what a robust loss left of an observation: 1 without one,
+    0 for a blunder that was left out.
     """
 
     images: tuple[Image, ...]
     image: Int[np.ndarray, " n"]
     points: tuple[str, ...]
     is_control: Bool[np.ndarray, " n"]
-    place_px: Float[np.ndarray, "n 2"]
+    place: Float[np.ndarray, "n 2"]
     time_s: Float[np.ndarray, " n"] | None
     before_px: Float[np.ndarray, "n 2"]
     after_px: Float[np.ndarray, "n 2"]
     sigma_px: Float[np.ndarray, "n 2"]
     weight: Float[np.ndarray, " n"]
     reliability: Reliability
+    scales: Scales
     is_line: bool
 
     def __len__(self) -> int:
@@ -45,12 +48,27 @@ class Residuals:
 
     @property
     def axes(self) -> tuple[str, str]:
-        """What the two image axes are called."""
-        return ("sample", "line") if self.is_line else ("column", "row")
+        """What the two axes of a residual are called."""
+        return axes_of(self.is_line)
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """The same two where there is room for it."""
+        return words_of(self.is_line)
+
+    @property
+    def places(self) -> tuple[str, str]:
+        """What the two coordinates of a place are called, with their units."""
+        return places_of(self.is_line)
 
     def stage(self, stage: str) -> Float[np.ndarray, "n 2"]:
         """The residuals of a stage, "before" or "after"."""
         return self.before_px if stage == "before" else self.after_px
+
+    def arrows(self, stage: str) -> Float[np.ndarray, "n 2"]:
+        """The residuals of a stage as an image shows them: across the line positive towards the later lines."""
+        later = 1.0 if self.scales.px_per_line is None else np.where(self.scales.px_per_line < 0, -1.0, 1.0)
+        return np.stack([self.stage(stage)[:, 0], later * self.stage(stage)[:, 1]], axis=-1)
 
     def role(self, i: int) -> str:
         """Whether an observation took part ("control") or not ("check")."""
@@ -90,17 +108,19 @@ def gather(calibration: Calibration, flight: Flight) -> Residuals:
             "show a calibration with the flight that it was made from"
         )
     used, image = np.unique(m.image[keep], return_inverse=True)
+    seen = calibration.observations
     return Residuals(
         images=tuple(flight.images[i] for i in used),
         image=image,
         points=tuple(str(flight.points.names[i]) for i in m.point[keep]),
-        is_control=calibration.observations.is_control,
-        place_px=np.stack([m.sample_px[keep], m.line_px[keep]], axis=-1),
-        time_s=calibration.observations.key("time_s"),
+        is_control=seen.is_control,
+        place=np.stack([m.sample_px[keep], m.line_px[keep]], axis=-1),
+        time_s=seen.key("time_s"),
         before_px=calibration.residual_before_px,
         after_px=calibration.residual_after_px,
-        sigma_px=calibration.observations.sigma_px,
+        sigma_px=seen.sigma_px,
         weight=calibration.robust_weight,
         reliability=calibration.reliability,
+        scales=scales_of(flight, calibration.sensor, seen.shot, seen.point_m, keep),
         is_line=flight.is_line,
     )

@@ -23,6 +23,7 @@ from .plain import (
     weights_in_words,
 )
 from .residuals import STAGES, Residuals, gather
+from .scales import in_words, one_sizes, units_in_words
 
 HALF_WEIGHT = 0.5
 STRONG = 0.9
@@ -45,7 +46,8 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
         "command": command,
         "verdict": {},
         "units": {
-            "residuals": f"px, measured - projected; x = {residuals.axes[0]}, y = {residuals.axes[1]}",
+            "residuals": f"px, measured - projected; {in_words(residuals.is_line)}",
+            **units_in_words(residuals.is_line),
             "parameters": "each in its own unit",
             "data_share": "1 - sigma^2 / prior_sigma^2: the part of the prior variance that the data removed",
         },
@@ -132,13 +134,17 @@ def _counts(residuals: Residuals, flight: Flight) -> Summary:
     }
 
 
+def _rms(r: np.ndarray) -> float | None:
+    return number(np.sqrt((r**2).mean()))
+
+
 def _moments(r: np.ndarray) -> Summary:
     return {
         "n": len(r),
         "mean_px": number(r.mean()),
         "std_px": number(r.std(ddof=1)) if len(r) > 1 else None,
         "max_abs_px": number(np.abs(r).max()),
-        "rms_px": number(np.sqrt((r**2).mean())),
+        "rms_px": _rms(r),
     }
 
 
@@ -155,7 +161,10 @@ def _statistics(residuals: Residuals) -> list[Summary]:
             for k, axis in enumerate(("x", "y")):
                 for stage in STAGES:
                     group = {"image": name, "role": role, "axis": axis, "axis_name": residuals.axes[k], "stage": stage}
-                    rows.append(group | _moments(residuals.stage(stage)[chosen, k]))
+                    px, is_across = residuals.stage(stage), residuals.is_line and axis == "y"
+                    in_lines = _rms(residuals.scales.lines(px)[chosen]) if is_across else None
+                    sizes = {"rms_lines": in_lines, "rms_m": _rms(residuals.scales.metres(px)[chosen, k])}
+                    rows.append(group | _moments(px[chosen, k]) | sizes)
     return rows
 
 
@@ -170,6 +179,7 @@ def _largest(residuals: Residuals) -> list[Summary]:
             "x_px": number(residuals.after_px[i, 0]),
             "y_px": number(residuals.after_px[i, 1]),
             "length_px": number(length[i]),
+            **one_sizes(residuals.scales, residuals.after_px, int(i)),
             "weight": number(residuals.weight[i]),
         }
         for i in np.argsort(-length, kind="stable")[:_LARGEST]

@@ -9,6 +9,7 @@ from ..estimate.selection import Comparison
 from ..rules import import_extra
 from .plain import PRIOR_ONLY, Summary, probability
 from .residuals import FEW
+from .scales import UNITS, axes_in, axes_in_words, caption, one_keys, size_keys
 
 IMAGES_SHOWN = 12
 _NONE = "–"
@@ -139,9 +140,9 @@ def residuals(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
                 for key in ("mean_px", "std_px", "max_abs_px")
             ]
             place = Cell(("all" if image is None else image) if first else "")
-            rows.append((place, Cell(role if first else ""), Cell(str(after["n"]) if first else ""), Cell(axis), *figures))
+            names = Cell(role if first else ""), Cell(str(after["n"]) if first else ""), Cell(after["axis_name"])
+            rows.append((place, *names, *figures))
         breaks.append(len(rows) - 1)
-    names = dict.fromkeys((row["axis"], row["axis_name"]) for row in summary["residuals"])
     left = f" {len(chosen)} of {total} images shown, those with the largest residuals; all are in statistics.csv."
     if not chosen:
         left = f" The {total} images have few points each; their own statistics are in statistics.csv."
@@ -150,10 +151,42 @@ def residuals(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
         ("image", "role", "n", "axis", "before: mean", "before: std", "before: max", "after: mean", "after: std", "after: max"),
         (False, False, True, False, True, True, True, True, True, True),
         tuple(rows),
-        f"{', '.join(f'{axis} = {name}' for axis, name in names)}; max = largest absolute value; "
-        f"check points took no part in the estimation.{left if len(chosen) < total else ''}",
+        f"{axes_in_words(summary)} Max: largest absolute value; check points took no part in the estimation."
+        f"{left if len(chosen) < total else ''}",
         tuple(breaks[:-1]),
     )
+
+
+def sizes(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
+    """How large the residuals after are in every unit, for the images that are shown."""
+    (x, y), columns = axes_in(summary), size_keys(summary)
+    found: dict[tuple[str | None, str], dict[str, Summary]] = {}
+    for row in summary["residuals"]:
+        if row["stage"] == "after":
+            found.setdefault((row["image"], row["role"]), {})[row["axis"]] = row
+    chosen = shown_images(summary, limit)
+    places = [place for place in found if place[0] in chosen or (place[0] is None and summary["counts"]["images"] > 1)]
+    units = [(axis, unit) for axis in "xy" for unit in UNITS]
+    of_place = [{f"rms_{axis}_{unit}": found[place][axis][f"rms_{unit}"] for axis, unit in units} for place in places]
+    decimals = {"rms_x_px": 2, "rms_y_px": 2} | {key: 1 + decimals_among(of_place, key) for key in columns}
+    return Table(
+        "How large residuals are (RMS after)",
+        ("image", "role", "n", f"px: {x}", f"px: {y}", *columns.values()),
+        (False, False, *[True] * (1 + len(decimals))),
+        tuple(
+            (
+                *(Cell("all" if image is None else image), Cell(role), Cell(str(found[image, role]["x"]["n"]))),
+                *(Cell(fixed(rms[key], d)) for key, d in decimals.items()),
+            )
+            for (image, role), rms in zip(places, of_place, strict=True)
+        ),
+        caption(summary),
+    )
+
+
+def decimals_among(rows: Sequence[Summary], *keys: str) -> int:
+    """Decimals that show two digits of the largest of some figures."""
+    return decimals_of(max((abs(row[key]) for row in rows for key in keys if row[key] is not None), default=None))
 
 
 def correlations(summary: Summary, limit: int = 15) -> Table | None:
@@ -176,18 +209,22 @@ def correlations(summary: Summary, limit: int = 15) -> Table | None:
 
 def largest(summary: Summary) -> Table:
     """The longest residuals, where a blunder would show."""
+    (x, y), columns, found = axes_in(summary), one_keys(summary), summary["largest_residuals"]
+    decimals = {key: 1 + decimals_among(found, key) for key in columns}
     return Table(
-        "Largest residuals after (px)",
-        ("image", "point", "role", "x", "y", "length", "weight"),
-        (False, False, False, True, True, True, True),
+        "Largest residuals after",
+        ("image", "point", "role", f"px: {x}", f"px: {y}", "px: length", *columns.values(), "weight"),
+        (False, False, False, *[True] * (4 + len(columns))),
         tuple(
             (
                 Cell(row["image"]),
                 Cell(row["point"]),
                 Cell(row["role"]),
-                *(Cell(fixed(row[key], 2)) for key in ("x_px", "y_px", "length_px", "weight")),
+                *(Cell(fixed(row[key], 2)) for key in ("x_px", "y_px", "length_px")),
+                *(Cell(fixed(row[key], decimals[key])) for key in columns),
+                Cell(fixed(row["weight"], 2)),
             )
-            for row in summary["largest_residuals"]
+            for row in found
         ),
         "Weight: what a robust loss left of the observation; 1 without one.",
     )
@@ -199,10 +236,10 @@ def blunders(summary: Summary, limit: int = 20) -> Table | None:
     if not found:
         return None
     more = f" The {limit} largest of {len(found)} are shown; all are in results.json." if len(found) > limit else ""
-    keys = (("x_px", 2), ("y_px", 2), ("normalised_x", 1), ("normalised_y", 1))
+    (x, y), keys = axes_in(summary), (("x_px", 2), ("y_px", 2), ("normalised_x", 1), ("normalised_y", 1))
     return Table(
         "Left out as blunders",
-        ("image", "point", "residual: x (px)", "residual: y (px)", "in sigmas: x", "in sigmas: y"),
+        ("image", "point", f"px: {x}", f"px: {y}", f"sigmas: {x}", f"sigmas: {y}"),
         (False, False, True, True, True, True),
         tuple((Cell(row["image"]), Cell(row["point"]), *(Cell(fixed(row[k], d)) for k, d in keys)) for row in found[:limit]),
         f"Measured − predicted by all the others.{more}",
@@ -233,7 +270,7 @@ def weights(summary: Summary) -> Table | None:
 
 def detectable(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
     """How well the control points control one another, for the images that are shown."""
-    chosen = shown_images(summary, limit)
+    chosen, names = shown_images(summary, limit), dict(zip("xy", axes_in(summary), strict=True))
     return Table(
         "Reliability",
         (
@@ -249,7 +286,7 @@ def detectable(summary: Summary, limit: int = IMAGES_SHOWN) -> Table:
         tuple(
             (
                 Cell(row["image"]),
-                Cell(row["axis"]),
+                Cell(names[row["axis"]]),
                 Cell(str(row["n"])),
                 Cell(fixed(row["redundancy_mean"], 2)),
                 Cell(fixed(row["redundancy_min"], 2), (row["redundancy_min"] or 0.0) < _UNCONTROLLED),

@@ -30,11 +30,13 @@ def _columns(residuals: Residuals) -> tuple[list[_Column], str]:
         return [_Column("all images", everything, "time (s)", residuals.time_s)], "over time"
     if residuals.is_line:
         chosen = residuals.worst_images(_PANELS)
-        columns = [_Column(residuals.images[i].name, residuals.image == i, "line (px)", residuals.place_px[:, 1]) for i in chosen]
+        columns = [
+            _Column(residuals.images[i].name, residuals.image == i, residuals.places[1], residuals.place[:, 1]) for i in chosen
+        ]
         return columns, "along the lines of each image, in the order of scanning." + choice(residuals, chosen)
     pooled = len(residuals.images) > 1
     title = "all images" if pooled else residuals.images[0].name
-    columns = [_Column(title, everything, f"{name} (px)", residuals.place_px[:, k]) for k, name in enumerate(residuals.axes)]
+    columns = [_Column(title, everything, name, residuals.place[:, k]) for k, name in enumerate(residuals.places)]
     return columns, "over column and row" + (", all images together" if pooled else "")
 
 
@@ -57,7 +59,7 @@ def draw_trends(residuals: Residuals) -> Drawing:
             else:
                 axes.set_xlabel(column.label)
             if j == 0:
-                axes.set_ylabel(f"{axis} residual, {residuals.axes[k]} (px)")
+                axes.set_ylabel(f"{axis} residual, {residuals.words[k]} (px)")
             axes.locator_params(axis="x", nbins=3 if len(columns) > 3 else 7)
             dress(axes, grid="none")
     _legend(figure, residuals.roles)

@@ -29,7 +29,7 @@ _ARROW_INCH = {"tall": 0.42, "wide": 0.5}
 
 def draw_vectors(residuals: Residuals) -> Drawing:
     """Residual vectors for each image, or for all together where there are too many images or too few points in each."""
-    extent = np.ptp(residuals.place_px, axis=0)
+    extent = np.ptp(residuals.place, axis=0)
     if len(residuals) > 1 and (extent < 1.0).all():
         return _draw_scatter(residuals)
     if len(residuals.images) > _STRIPS and np.median(residuals.count) < FEW:
@@ -46,7 +46,7 @@ def _limits(residuals: Residuals) -> tuple[tuple[float, float], tuple[float, flo
     out = []
     for k, size in enumerate(("columns", "rows")):
         sizes = [getattr(image, size) for image in residuals.images]
-        low, high = residuals.place_px[:, k].min(), residuals.place_px[:, k].max()
+        low, high = residuals.place[:, k].min(), residuals.place[:, k].max()
         margin = 0.06 * max(high - low, 1.0)
         if all(s is not None for s in sizes) and low > -1 and high < max(sizes) + 1:
             out.append((-0.5, max(sizes) - 0.5))
@@ -94,7 +94,7 @@ def _panel(axes: Any, residuals: Residuals, here: np.ndarray, stage: str, scale:
         chosen = here & (residuals.is_control == (role == "control"))
         if not chosen.any():
             continue
-        place, vector = residuals.place_px[chosen], residuals.stage(stage)[chosen]
+        place, vector = residuals.place[chosen], residuals.arrows(stage)[chosen]
         axes.plot(*place.T, MARKER[role], color=COLOUR[role], markersize=2.6, linestyle="none", zorder=2)
         _arrows(axes, place, vector, scale, COLOUR[role])
 
@@ -135,10 +135,10 @@ def _draw_tall(residuals: Residuals, chosen: list[int]) -> Drawing:
             _frame(axes, residuals)
             _panel(axes, residuals, residuals.image == image, stage, scale)
             axes.set_title(shortened(residuals.images[image].name, 90 // len(chosen)))
-            axes.set_xlabel(f"{residuals.axes[0]} (px)")
+            axes.set_xlabel(residuals.places[0])
             axes.locator_params(axis="x", nbins=3)
             if column == 0:
-                axes.set_ylabel(f"{residuals.axes[1]} (px)")
+                axes.set_ylabel(residuals.places[1])
             else:
                 axes.tick_params(labelleft=False)
             dress(axes, grid="none")
@@ -172,8 +172,8 @@ def _draw_wide(residuals: Residuals, chosen: list[int]) -> Drawing:
             else:
                 _panel(axes, residuals, here, stage, scale)
             axes.set_title(title)
-            axes.set_xlabel(f"{residuals.axes[0]} (px)")
-            axes.set_ylabel(f"{residuals.axes[1]} (px)" if column == 0 else "")
+            axes.set_xlabel(residuals.places[0])
+            axes.set_ylabel(residuals.places[1] if column == 0 else "")
             axes.tick_params(labelleft=column == 0)
             axes.locator_params(nbins=6)
             if 0.3 < aspect < 1.6:
@@ -192,15 +192,15 @@ def _cells(axes: Any, residuals: Residuals, chosen: np.ndarray, stage: str, scal
     place, vector = [], []
     limits = _limits(residuals)
     index = [
-        np.clip(((residuals.place_px[:, k] - low) / (high - low) * n).astype(int), 0, n - 1)
+        np.clip(((residuals.place[:, k] - low) / (high - low) * n).astype(int), 0, n - 1)
         for k, ((low, high), n) in enumerate(zip(limits, _CELLS, strict=True))
     ]
     cell = index[0] * _CELLS[1] + index[1]
     for c in np.unique(cell[chosen]):
         here = chosen & (cell == c)
         if here.sum() >= 3:
-            place.append(residuals.place_px[here].mean(axis=0))
-            vector.append(residuals.stage(stage)[here].mean(axis=0))
+            place.append(residuals.place[here].mean(axis=0))
+            vector.append(residuals.arrows(stage)[here].mean(axis=0))
     if place:
         axes.plot(*np.array(place).T, ".", color=MUTED, markersize=2, linestyle="none")
         _arrows(axes, np.array(place), np.array(vector), scale, INK)
@@ -226,8 +226,8 @@ def _draw_scatter(residuals: Residuals) -> Drawing:
         axes.axhline(0, color=MUTED, linewidth=0.8)
         axes.axvline(0, color=MUTED, linewidth=0.8)
         axes.set_title(stage + (f" ({beyond} beyond the axes)" if beyond else ""))
-        axes.set_xlabel(f"x residual, {residuals.axes[0]} (px)")
-        axes.set_ylabel(f"y residual, {residuals.axes[1]} (px)")
+        axes.set_xlabel(f"x residual, {residuals.words[0]} (px)")
+        axes.set_ylabel(f"y residual, {residuals.words[1]} (px)")
         axes.legend(fontsize=SMALL, frameon=False, loc="upper right")
         dress(axes)
     caption = (

@@ -53,9 +53,13 @@ class Adjustment:
     - `sensor`: with the solution put in; `value`, `start`: of the unknowns, in the units of their fields.
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
     - `used`: rays that took part; `components`: factors on the given sigmas, where weights were estimated (`block` has the new).
+    - `residual_px`: (sample or column, line offset or row) of every ray.
     - `cost`: the sum of squared whitened residuals, POS and priors included; `variance_factor` divides it by `freedom`.
     - `check`: the check points' coordinates beside those that came out; `left_out`: check and tie points, by name, that one ray
       alone sees: it takes no part and has no residual (NaN).
+
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
     """
 
     sensor: Sensor

@@ -21,6 +21,9 @@ class Block:
     Rays of all three roles take part. Control points have coordinates with a covariance; those of check points are only compared
     with what comes out; tie points have none.
 
+    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
+    one line is `px_per_line` of them.
+
     **Arguments** (rays, points):
 
     - `shot`: time and keys, each (rays,).

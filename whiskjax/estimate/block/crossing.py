@@ -10,13 +10,11 @@ the offset that it has there.
 import dataclasses
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ...algebra.vectors import unstack
-from ...chain.imaging import image
+from ...chain.image_scale import scale_of_each
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...rules import SensorError
@@ -33,9 +31,10 @@ def at_crossing(sensor: Sensor, block: Block, point_m: Float[np.ndarray, "points
 
     **Arguments:** `sensor`: of line cameras, at the solution; `point_m`: of every point that is seen.
     """
-    time, rays = np.asarray(block.key("time_s"), dtype=float), filled(len(block))
-    found = _offset(sensor, block.shots(rays), jnp.asarray(point_m[block.point[rays]]))
-    offset, rate = (np.asarray(a)[: len(block)] for a in found)
+    time = np.asarray(block.key("time_s"), dtype=float)
+    found = scale_of_each(sensor, block.shots(), point_m[block.point])
+    assert found.px_per_s is not None  # of line cameras
+    offset, rate = found.pixel[1], found.px_per_s[1]
     moved = -offset / np.where(rate == 0, np.inf, rate)
     shot = dataclasses.replace(block.shots(), time_s=time + moved)
     moved = np.where(_codes(sensor, dataclasses.replace(block, shot=shot)) == 0, moved, 0.0)
@@ -60,14 +59,3 @@ def _codes(sensor: Sensor, block: Block) -> np.ndarray:
 @eqx.filter_jit
 def _check(sensor: Sensor, shot: Shot):
     return sensor.check(shot)
-
-
-@eqx.filter_jit
-def _offset(sensor: Sensor, shot: Shot, point: Float[Array, "rays 3"]) -> tuple[Float[Array, " rays"], Float[Array, " rays"]]:
-    """The line offset of each point at its ray's time, and its rate of change, pixels and pixels per second."""
-    time = shot.need("time_s", "which a line camera needs")
-
-    def at(t):
-        return image(sensor, dataclasses.replace(shot, time_s=t), unstack(point))[1]
-
-    return jax.jvp(at, (time,), (jnp.ones_like(time),))

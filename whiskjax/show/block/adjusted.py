@@ -16,6 +16,7 @@ from ...estimate.block.block import ROLES, Block
 from ...estimate.block.direct import Direct
 from ...files.standard import Standard
 from ...flights.flight import Flight
+from ..scales import Scales, axes_of, scales_of
 
 
 class Course(NamedTuple):
@@ -69,12 +70,12 @@ class Adjusted:
 
     @property
     def axes(self) -> tuple[str, str]:
-        """What the two image axes are called."""
-        return ("sample", "line") if self.flight.is_line else ("column", "row")
+        """What the two axes of a residual are called."""
+        return axes_of(self.flight.is_line)
 
     @property
-    def place_px(self) -> Float[np.ndarray, "rays 2"]:
-        """Where each ray was measured: sample and line, or column and row."""
+    def place(self) -> Float[np.ndarray, "rays 2"]:
+        """Where each ray was measured: sample (px) and line (a count), or column and row (px)."""
         m = self.flight.measurements
         return np.stack([m.sample_px, m.line_px], axis=-1)
 
@@ -82,6 +83,12 @@ class Adjusted:
     def normalised(self) -> Float[np.ndarray, "rays 2"]:
         """Residuals in sigmas."""
         return self.adjustment.residual_px / self.block.sigma_px
+
+    @cached_property
+    def scales(self) -> Scales:
+        """How large pixels are where the rays see the adjusted points; NaN where there is none."""
+        block, every = self.block, np.arange(len(self.block))
+        return scales_of(self.flight, self.adjustment.sensor, block.shots(), self.adjustment.point_m[block.point], every)
 
     @cached_property
     def views(self) -> list[tuple[str, Bool[np.ndarray, " rays"]]]:

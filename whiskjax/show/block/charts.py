@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from ...estimate.block.pos_errors import AXES
 from ...rules import import_extra
+from ..scales import places_of, words_of
 from ..style import (
     CHECK,
     COLOUR,
@@ -187,12 +188,12 @@ def _role_legend(figure: Any, roles: list[str]) -> None:
 
 def draw_detector(adjusted: Adjusted) -> Drawing:
     """Residuals along the detector line of each view; of frame cameras over column and row."""
-    place, residual = adjusted.place_px, adjusted.adjustment.residual_px
+    place, residual = adjusted.place, adjusted.adjustment.residual_px
     everything = np.ones(len(residual), dtype=bool)
     if adjusted.flight.is_line:
         shown = [(shortened(view, 90 // _COLUMNS), here, "sample (px)", place[:, 0]) for view, here in adjusted.views[:_COLUMNS]]
     else:
-        shown = [("all images", everything, f"{name} (px)", place[:, k]) for k, name in enumerate(adjusted.axes)]
+        shown = [("all images", everything, name, place[:, k]) for k, name in enumerate(places_of(False))]
     figure = new_figure(5.2)
     panels = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False)
     used, beyond = adjusted.adjustment.used, 0
@@ -206,7 +207,7 @@ def draw_detector(adjusted: Adjusted) -> Drawing:
             axes.set_ylim(-limit, limit)
             axes.set_title(title if k == 0 else "", loc="left", fontsize=NORMAL)
             axes.set_xlabel(label if k == 1 else "")
-            axes.set_ylabel(f"{axis} residual, {adjusted.axes[k]} (px)" if j == 0 else "")
+            axes.set_ylabel(f"{axis} residual, {words_of(adjusted.flight.is_line)[k]} (px)" if j == 0 else "")
             axes.locator_params(axis="x", nbins=5)
             dress(axes, grid="none")
     line = import_extra("matplotlib.lines", "plots").Line2D

@@ -6,7 +6,7 @@ from ..page import render
 from ..plain import Summary
 from ..style import Drawing
 from ..tables import short, weights
-from .tables import corrections, counts, largest, left_out, point_sigmas, residuals, standard, statistics, unknowns
+from .tables import corrections, counts, largest, left_out, point_sigmas, residuals, sizes, standard, statistics, unknowns
 
 
 def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
@@ -14,6 +14,6 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
 
     **Arguments:** `drawings`: from `draw_charts`, of the same block.
     """
-    made = (counts, statistics, standard, unknowns, corrections, weights, residuals, point_sigmas, left_out, largest)
+    made = (counts, statistics, standard, unknowns, corrections, weights, residuals, sizes, point_sigmas, left_out, largest)
     tables = {make.__name__: make(summary) for make in made}
     return render("block/page.html.jinja", {"s": summary, "tables": tables, "short": short}, drawings)

@@ -8,6 +8,7 @@ import numpy as np
 from ...estimate.block.pos_errors import AXES
 from ...files.navigation import position_texts
 from ..plain import Summary, number
+from ..scales import place_columns, scale_columns, scale_values
 from ..sheets import write_csv
 from .adjusted import Adjusted
 
@@ -40,11 +41,13 @@ def _write_points(path: Path, adjusted: Adjusted) -> None:
 
 
 def _write_residuals(path: Path, adjusted: Adjusted) -> None:
-    """One row a ray."""
-    block, (x, y) = adjusted.block, adjusted.axes
+    """One row a ray; of a line camera x is along the detector line and y across it, and `line` and `y_lines` count lines."""
+    block, is_line = adjusted.block, adjusted.flight.is_line
     time = block.key("time_s")
-    header = ("image", "point", "role", "time_s", f"{x}_px", f"{y}_px", "x_px", "y_px", "sigma_x_px", "sigma_y_px", "used")
-    columns = np.concatenate([adjusted.place_px, adjusted.adjustment.residual_px, block.sigma_px], axis=1)
+    header = ("image", "point", "role", "time_s", *place_columns(is_line), "x_px", "y_px", "sigma_x_px", "sigma_y_px", "used")
+    header = (*header, *scale_columns(is_line, "{}_{}"))
+    columns = np.concatenate([adjusted.place, adjusted.adjustment.residual_px, block.sigma_px], axis=1)
+    scaled = scale_values(adjusted.scales, adjusted.adjustment.residual_px)
     rows = (
         [
             block.images[i],
@@ -53,6 +56,7 @@ def _write_residuals(path: Path, adjusted: Adjusted) -> None:
             None if time is None else number(time[i]),
             *map(number, columns[i]),
             "yes" if adjusted.adjustment.used[i] else "no",
+            *map(number, scaled[i]),
         ]
         for i in range(len(block))
     )

@@ -7,7 +7,7 @@ None; names end in their unit.
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.block import ROLES
@@ -25,6 +25,7 @@ from ..plain import (
     weights,
     weights_in_words,
 )
+from ..scales import in_words, one_sizes, units_in_words
 from .adjusted import Adjusted
 
 ENU = ("east", "north", "up")
@@ -37,13 +38,13 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
     **Arguments:** `command`: how it was made, for the reader who wants to repeat it.
     """
     flight, adjustment = adjusted.flight, adjusted.adjustment
-    x, y = adjusted.axes
     data: Summary = {
         "flight": flight.name,
         "command": command,
         "verdict": {},
         "units": {
-            "residuals": f"px, measured - projected; x = {x}, y = {y}",
+            "residuals": f"px, measured - projected; {in_words(flight.is_line)}",
+            **units_in_words(flight.is_line),
             "statistics": "m; adjusted, or directly positioned, - given",
             "unknowns": "each in its own unit",
             "data_share": "1 - sigma^2 / prior_sigma^2: the part of the prior variance that the data removed",
@@ -59,6 +60,7 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "standard": _standard(adjusted),
         "direct": _direct(adjusted),
         "residuals": _residuals(adjusted),
+        "images": _images(adjusted),
         "point_sigmas": _point_sigmas(adjusted),
         "largest_residuals": _largest(adjusted, adjustment.used, _LARGEST),
         "left_out": _largest(adjusted, adjusted.wrong, len(adjusted.block)),
@@ -216,21 +218,36 @@ def _residuals(adjusted: Adjusted) -> list[Summary]:
         for role in adjusted.roles:
             chosen = here & used & (adjusted.role == role)
             if chosen.any():
-                r, s = adjusted.adjustment.residual_px[chosen], adjusted.normalised[chosen]
-                rms, most = np.sqrt((r**2).mean(axis=0)), np.abs(r).max(axis=0)
+                most = np.abs(adjusted.adjustment.residual_px[chosen]).max(axis=0)
+                s = adjusted.normalised[chosen]
                 rows.append(
                     {
                         "view": view,
                         "role": role,
-                        "rays": int(chosen.sum()),
-                        "rms_x_px": number(rms[0]),
-                        "rms_y_px": number(rms[1]),
+                        **_rms(adjusted, chosen, np.zeros(int(chosen.sum()), dtype=int))[0],
                         "max_abs_x_px": number(most[0]),
                         "max_abs_y_px": number(most[1]),
                         "rms_in_sigmas": number(np.sqrt((s**2).mean())),
                     }
                 )
     return rows
+
+
+def _rms(adjusted: Adjusted, chosen: Bool[np.ndarray, " rays"], group: Int[np.ndarray, " n"]) -> list[Summary]:
+    """RMS of the residuals of some rays in every unit, for each group of them: 0, 1, ..."""
+    residual = adjusted.adjustment.residual_px
+    (x, y), (x_m, y_m) = residual.T, adjusted.scales.metres(residual).T
+    units = {"x_px": x, "y_px": y, "y_lines": adjusted.scales.lines(residual), "x_m": x_m, "y_m": y_m}
+    count = np.bincount(group)
+    rms = {f"rms_{name}": np.sqrt(np.bincount(group, r[chosen] ** 2) / count) for name, r in units.items()}
+    return [{"rays": int(n)} | {name: number(r[k]) for name, r in rms.items()} for k, n in enumerate(count)]
+
+
+def _images(adjusted: Adjusted) -> list[Summary]:
+    """Of used rays of all roles, image by image."""
+    used = adjusted.adjustment.used
+    names, group = np.unique(np.asarray(adjusted.block.images)[used], return_inverse=True)
+    return [{"image": name} | row for name, row in zip(names.tolist(), _rms(adjusted, used, group), strict=True)]
 
 
 def _point_sigmas(adjusted: Adjusted) -> list[Summary]:
@@ -257,6 +274,7 @@ def _largest(adjusted: Adjusted, among: np.ndarray, most: int) -> list[Summary]:
             "role": str(adjusted.role[i]),
             "x_px": number(residual[i, 0]),
             "y_px": number(residual[i, 1]),
+            **one_sizes(adjusted.scales, residual, i),
             "normalised_x": number(adjusted.normalised[i, 0]),
             "normalised_y": number(adjusted.normalised[i, 1]),
         }

@@ -1,7 +1,8 @@
 """Tables of an adjusted block, for the terminal and for the report."""
 
 from ..plain import PRIOR_ONLY, Summary
-from ..tables import Cell, Table, decimals_of, fixed, percent, short, weights
+from ..scales import axes_in, axes_in_words, caption, one_keys, size_keys
+from ..tables import Cell, Table, decimals_among, decimals_of, fixed, percent, short, weights
 
 _LEFT_OUT_SHOWN = 20
 
@@ -16,6 +17,7 @@ def all_tables(summary: Summary) -> list[Table]:
         corrections(summary),
         weights(summary),
         residuals(summary),
+        sizes(summary),
         point_sigmas(summary),
         left_out(summary),
         largest(summary),
@@ -136,8 +138,7 @@ def corrections(summary: Summary) -> Table | None:
 
 def residuals(summary: Summary) -> Table:
     """Residuals in pixels by view and role."""
-    found = summary["residuals"]
-    words = summary["units"]["residuals"].split("; ")[1]
+    found, (x, y) = summary["residuals"], axes_in(summary)
     rows = tuple(
         (
             Cell(row["view"] or "all"),
@@ -150,11 +151,30 @@ def residuals(summary: Summary) -> Table:
     names = [row["view"] for row in found]
     return Table(
         "Residuals (px), measured − projected",
-        ("view", "role", "rays", "RMS: x", "RMS: y", "max: x", "max: y", "in sigmas: RMS"),
+        ("view", "role", "rays", f"RMS: {x}", f"RMS: {y}", f"max: {x}", f"max: {y}", "in sigmas: RMS"),
         (False, False, True, True, True, True, True, True),
         rows,
-        f"{words}. A point takes three of its rays' residuals, so that even right sigmas give less than 1.",
+        f"{axes_in_words(summary)} A point takes three of its rays' residuals, so that even right sigmas give less than 1.",
         tuple(i for i in range(len(names) - 1) if names[i] != names[i + 1]),
+    )
+
+
+def sizes(summary: Summary) -> Table:
+    """How large residuals are in every unit, by view and role."""
+    found, (x, y), columns = summary["residuals"], axes_in(summary), size_keys(summary)
+    decimals = {"rms_x_px": 2, "rms_y_px": 2} | {key: 1 + decimals_among(found, key) for key in columns}
+    return Table(
+        "How large residuals are (RMS)",
+        ("view", "role", "rays", f"px: {x}", f"px: {y}", *columns.values()),
+        (False, False, *[True] * (1 + len(decimals))),
+        tuple(
+            (
+                *(Cell(row["view"] or "all"), Cell(row["role"]), Cell(str(row["rays"]))),
+                *(Cell(fixed(row[key], d)) for key, d in decimals.items()),
+            )
+            for row in found
+        ),
+        f"{caption(summary)} Image by image: results.json.",
     )
 
 
@@ -177,19 +197,25 @@ def point_sigmas(summary: Summary) -> Table | None:
     )
 
 
-def _rays(title: str, rows: list[Summary], caption: str) -> Table | None:
-    keys = (("x_px", 2), ("y_px", 2), ("normalised_x", 1), ("normalised_y", 1))
+def _rays(title: str, summary: Summary, rows: list[Summary], said: str) -> Table | None:
     if not rows:
         return None
+    (x, y), sizes = axes_in(summary), one_keys(summary)
+    decimals = {"x_px": 2, "y_px": 2} | {key: 1 + decimals_among(rows, key) for key in sizes}
+    decimals |= {"normalised_x": 1, "normalised_y": 1}
     return Table(
         title,
-        ("image", "point", "role", "residual: x (px)", "residual: y (px)", "in sigmas: x", "in sigmas: y"),
-        (False, False, False, True, True, True, True),
+        (
+            *("image", "point", "role", f"px: {x}", f"px: {y}"),
+            *sizes.values(),
+            *(f"sigmas: {x}", f"sigmas: {y}"),
+        ),
+        (False, False, False, *[True] * len(decimals)),
         tuple(
-            (Cell(row["image"]), Cell(row["point"]), Cell(row["role"]), *(Cell(fixed(row[k], d)) for k, d in keys))
+            (Cell(row["image"]), Cell(row["point"]), Cell(row["role"]), *(Cell(fixed(row[k], d)) for k, d in decimals.items()))
             for row in rows
         ),
-        caption,
+        f"{said} {caption(summary)}",
     )
 
 
@@ -199,6 +225,7 @@ def left_out(summary: Summary) -> Table | None:
     more = f" The {_LEFT_OUT_SHOWN} largest of {len(found)} are shown; all are in residuals.csv."
     return _rays(
         "Rays left out as wrong",
+        summary,
         found[:_LEFT_OUT_SHOWN],
         f"A dash: the point has no other rays.{more if len(found) > _LEFT_OUT_SHOWN else ''}",
     )
@@ -206,4 +233,5 @@ def left_out(summary: Summary) -> Table | None:
 
 def largest(summary: Summary) -> Table | None:
     """The rays that agree least."""
-    return _rays("Largest residuals", summary["largest_residuals"], "Where a wrong point would show. All are in residuals.csv.")
+    said = "Where a wrong point would show. All are in residuals.csv."
+    return _rays("Largest residuals", summary, summary["largest_residuals"], said)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...rules import import_extra
+from ..scales import words_of
 from ..style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure
 from .target_sighting import Sighting
 from .target_summary import FIFTY, NINETY
@@ -186,7 +187,7 @@ def draw_innovations(sighting: Sighting) -> Drawing:
         axes.axhline(0, color=MUTED, linewidth=0.8, zorder=1)
         beyond += _points(axes, number, residual[:, k], used, gated, -limit, limit)
         axes.set_ylim(-1.05 * limit, 1.05 * limit)
-        axes.set_ylabel(f"{axis}, {sighting.axes[k]} (px)")
+        axes.set_ylabel(f"{axis}, {words_of(sighting.flight.is_line)[k]} (px)")
         dress(axes, grid="y")
     axes = panels[2]
     bound = _NIS_99 if sighting.gate is None else -2 * math.log(sighting.gate)

@@ -13,6 +13,7 @@ from ...locate.guess import Guess
 from ...locate.location import Location
 from ...locate.looks import Looks
 from ...rules.results import is_successful
+from ..scales import Scales, axes_of, scales_of
 
 STATES = ("used", "gated", "missed", "left out")
 
@@ -79,8 +80,14 @@ class Sighting:
 
     @property
     def axes(self) -> tuple[str, str]:
-        """What the two image axes are called."""
-        return ("sample", "line") if self.flight.is_line else ("column", "row")
+        """What the two axes of an innovation are called."""
+        return axes_of(self.flight.is_line)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """How large pixels are where the looks see the place at which the estimate ended."""
+        point = np.broadcast_to(np.asarray(self.location.line_m), (len(self), 3))
+        return scales_of(self.flight, self.flight.sensor, self.looks.shot, point, self.measurement)
 
     @cached_property
     def state(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from ...estimate.diagnosis import UNLIKELY, chi_square_tail
 from ...rules import Numbers
 from ...rules.results import codes_of, message_of
 from ..plain import Summary, number, probability, versions
+from ..scales import in_words, one_sizes, units_in_words
 from .target_sighting import STATES, Sighting
 
 # Half-axes of the ellipse that holds 90 of 100, in sigmas: chi-square with two degrees of freedom.
@@ -38,7 +39,8 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
         "verdict": {},
         "units": {
             "names": "end in the unit; covariance in m^2, in east, north, up at the target",
-            "innovations": f"px, measured - predicted; x = {sighting.axes[0]}, y = {sighting.axes[1]}",
+            "innovations": f"px, measured - predicted; {in_words(sighting.flight.is_line)}",
+            **units_in_words(sighting.flight.is_line),
             "parameters": "each in its own unit",
         },
         "world": sighting.flight.world.kind,
@@ -173,14 +175,16 @@ def _parameters(sighting: Sighting) -> list[Summary]:
 def _largest(sighting: Sighting) -> list[Summary]:
     """The looks with the largest NIS, where a blunder would show."""
     looks, time = sighting.location.looks, sighting.time_s
+    innovation = np.asarray(looks.innovation_px)
     nis = np.where(sighting.state == "missed", -np.inf, np.nan_to_num(np.asarray(looks.nis), nan=np.inf))
     return [
         {
             "look": int(i),
             "image": sighting.images[i],
             "time_s": None if time is None else number(time[i]),
-            "x_px": number(looks.innovation_px[i, 0]),
-            "y_px": number(looks.innovation_px[i, 1]),
+            "x_px": number(innovation[i, 0]),
+            "y_px": number(innovation[i, 1]),
+            **one_sizes(sighting.scales, innovation, int(i)),
             "nis": number(looks.nis[i]),
             "state": str(sighting.state[i]),
         }

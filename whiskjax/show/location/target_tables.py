@@ -7,8 +7,9 @@ import numpy as np
 
 from ...estimate.diagnosis import UNLIKELY
 from ..plain import Summary, number, probability
+from ..scales import axes_in, caption, one_keys, scale_columns, scale_values
 from ..sheets import write_csv
-from ..tables import Cell, Table, decimals_of, fixed, short
+from ..tables import Cell, Table, decimals_among, decimals_of, fixed, short
 from .target_sighting import Sighting
 from .target_summary import position
 
@@ -144,10 +145,12 @@ def largest(summary: Summary) -> Table | None:
     if not summary["largest_innovations"]:
         return None
     timed = summary["looks"]["first_time_s"] is not None
+    found, (x, y), sizes = summary["largest_innovations"], axes_in(summary), one_keys(summary)
+    decimals = {key: 1 + decimals_among(found, key) for key in sizes}
     return Table(
-        "Largest innovations (px)",
-        ("look", "image", *(["time (s)"] * timed), "x", "y", "NIS", "state"),
-        (True, False, *([True] * timed), True, True, True, False),
+        "Largest innovations",
+        ("look", "image", *(["time (s)"] * timed), f"px: {x}", f"px: {y}", *sizes.values(), "NIS", "state"),
+        (True, False, *([True] * (timed + 3 + len(sizes))), False),
         tuple(
             (
                 Cell(str(row["look"])),
@@ -155,28 +158,34 @@ def largest(summary: Summary) -> Table | None:
                 *([Cell(fixed(row["time_s"], 3))] if timed else []),
                 Cell(fixed(row["x_px"], 1)),
                 Cell(fixed(row["y_px"], 1)),
+                *(Cell(fixed(row[key], decimals[key])) for key in sizes),
                 Cell(fixed(row["nis"], 1)),
                 Cell(row["state"], row["state"] != "used"),
             )
-            for row in summary["largest_innovations"]
+            for row in found
         ),
-        f"Measured − predicted; {summary['units']['innovations'].split('; ')[1]}. Looks count from 0; all are in looks.csv.",
+        f"Measured − predicted. {caption(summary)} Looks count from 0; all are in looks.csv.",
     )
 
 
 def write_looks(path: Path, sighting: Sighting) -> None:
-    """looks.csv: one row a look; the estimate after it, which is blank where there is no answer."""
+    """looks.csv: one row a look; the estimate after it, which is blank where there is no answer.
+
+    Of a line camera x is along the detector line and y across it, in focal-plane pixels; `innovation_y_lines` counts lines.
+    """
     found, time = sighting.location.looks, sighting.time_s
     coordinates = list(position(sighting, sighting.guess.point_m))
     header = ("look", "image", "time_s", "state", "innovation_x_px", "innovation_y_px", "sigma_x_px", "sigma_y_px", "nis")
     header = (*header, *coordinates, "sigma_e_m", "sigma_n_m", "sigma_u_m")
+    header = (*header, *scale_columns(sighting.flight.is_line, "innovation_{}_{}"))
     sigma_px = np.sqrt(np.diagonal(np.asarray(found.innovation_covariance_px2), axis1=1, axis2=2))
     sigma_m = np.sqrt(np.diagonal(np.asarray(found.covariance_enu_m2), axis1=1, axis2=2))
     point_m, innovation, nis = (np.asarray(v) for v in (found.point_m, found.innovation_px, found.nis))
+    scaled = scale_values(sighting.scales, innovation)
 
     def row(i: int) -> list:
         estimate = [*position(sighting, point_m[i]).values(), *sigma_m[i]] if sighting.is_answered else [math.nan] * 6
-        figures = (*innovation[i], *sigma_px[i], nis[i], *estimate)
+        figures = (*innovation[i], *sigma_px[i], nis[i], *estimate, *scaled[i])
         names = [i, sighting.images[i], None if time is None else number(time[i]), str(sighting.state[i])]
         return [*names, *(number(value) for value in figures)]
 
