@@ -39,7 +39,7 @@ class ImpossibleMotion(WhiskjaxError):
         self.sample, self.what, self.sentence = sample, what, sentence
 
 
-class _Quantity(NamedTuple):
+class Quantity(NamedTuple):
     """What is recorded: the fastest change, the largest way beside the line between the neighbours, `jump` included in both.
 
     `jump` is what navigation itself jumps by where it is corrected.
@@ -65,7 +65,7 @@ def _degrees(p: np.ndarray, q: np.ndarray) -> Float[np.ndarray, " n"]:
     return np.degrees(4 * np.arcsin(np.minimum(0.5 * np.linalg.norm(p - q, axis=1), 1.0)))
 
 
-_POSITION = _Quantity(
+POSITION = Quantity(
     "position",
     _metres,
     "lies {} from",
@@ -74,7 +74,7 @@ _POSITION = _Quantity(
     jump=20.0,
     beside=lambda before, after: 0.5 * 200.0 * before * after,  # 20 g: cameras fly below 10 g, and in orbit below 1 g
 )
-_ATTITUDE = _Quantity(
+ATTITUDE = Quantity(
     "attitude",
     _degrees,
     "is turned by {} against",
@@ -83,7 +83,7 @@ _ATTITUDE = _Quantity(
     jump=5.0,
     beside=lambda before, after: 0.5 * 2e4 * before * after,  # a shake of 5 deg at 10 Hz
 )
-_VELOCITY = _Quantity(
+_VELOCITY = Quantity(
     "velocity",
     _metres,
     "differs by {} from",
@@ -109,7 +109,7 @@ def refuse_impossible_motion(
     dt = np.diff(time_s)
     joined = dt <= max_gap_s
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused
-        for quantity, values in ((_POSITION, position_m), (_ATTITUDE, quaternion), (_VELOCITY, velocity_mps)):
+        for quantity, values in ((POSITION, position_m), (ATTITUDE, quaternion), (_VELOCITY, velocity_mps)):
             if values is not None:
                 _refuse_outliers(quantity, values, dt, joined)
         wrong = None if velocity_mps is None else contradiction(time_s, position_m, velocity_mps, max_gap_s)
@@ -125,17 +125,17 @@ def refuse_impossible_speed(time_s: Float[np.ndarray, " n"], position_m: Float[n
     """
     dt = np.diff(time_s)
     with np.errstate(over="ignore", invalid="ignore"):
-        step = _steps(_POSITION, position_m)
-    wrong = (dt <= max_gap_s) & ~(step <= _fastest(_POSITION, dt))
+        step = _steps(POSITION, position_m)
+    wrong = (dt <= max_gap_s) & ~(step <= _fastest(POSITION, dt))
     if wrong.any():
-        _fail(_POSITION, 1 + int(np.argmax(wrong)), step, dt)
+        _fail(POSITION, 1 + int(np.argmax(wrong)), step, dt)
 
 
-def _fastest(q: _Quantity, dt: np.ndarray) -> np.ndarray:
+def _fastest(q: Quantity, dt: np.ndarray) -> np.ndarray:
     return q.rate * dt + 5 * q.jump
 
 
-def _steps(q: _Quantity, values: np.ndarray) -> Float[np.ndarray, " n-1"]:
+def _steps(q: Quantity, values: np.ndarray) -> Float[np.ndarray, " n-1"]:
     out = np.empty(len(values) - 1)
     for rows in blocks(len(out)):
         out[rows] = q.distance(values[1:][rows], values[:-1][rows])
@@ -152,7 +152,7 @@ def departures(distance: Distance, dt: Float[np.ndarray, " n-1"], values: Float[
     return out
 
 
-def _refuse_outliers(q: _Quantity, values: np.ndarray, dt: np.ndarray, joined: Bool[np.ndarray, " n-1"]) -> None:
+def _refuse_outliers(q: Quantity, values: np.ndarray, dt: np.ndarray, joined: Bool[np.ndarray, " n-1"]) -> None:
     step, beside = _steps(q, values), departures(q.distance, dt, values)
     known = np.append(np.append(False, joined[:-1] & joined[1:]), False)  # whose neighbours both belong to it
     usual_step, usual_beside = (np.median(far[of]) if of.any() else 0.0 for far, of in ((step, joined), (beside, known)))
@@ -173,7 +173,7 @@ def _refuse_outliers(q: _Quantity, values: np.ndarray, dt: np.ndarray, joined: B
     _fail(q, 1 + max(sides, key=lambda i: step[i]), step, dt)
 
 
-def _fail(q: _Quantity, sample: int, step: np.ndarray, dt: np.ndarray, stands_alone: bool = False) -> NoReturn:
+def _fail(q: Quantity, sample: int, step: np.ndarray, dt: np.ndarray, stands_alone: bool = False) -> NoReturn:
     def sentence(name: Naming) -> str:
         before, after = q.told(step[sample - 1]), q.told(step[sample]) if stands_alone else ""
         found = f"{name(sample)} {q.verb.format(before)} {name(sample - 1)}, {dt[sample - 1]:.4g} s before it"

@@ -19,13 +19,14 @@ from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
 from ..earth.refraction import Refraction
 from ..rules import FlightError, WhiskjaxError
+from . import cautions
 from .flight_toml import NAME
 from .flown import in_words_of_sbet, in_words_of_table
 from .names import listed, meant
 from .navigation import Samples, is_ignored, navigation_columns, samples
 from .sbet import is_sbet, read_sbet
 from .source import Source
-from .tables import Column, Table, check_increasing
+from .tables import Column, Table, check_increasing, refuse_codes
 from .units import radian_array
 
 if TYPE_CHECKING:
@@ -117,13 +118,13 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
             records = read_sbet(source.folder / file)
             refuse_impossible_speed(records.time_s, records.position_m, gap)
             return Trajectory(*records, max_gap_s=gap, **delays)
-    time_s, found, table = _recorded(file, source, place)
+    time_s, found, table = _recorded(file, source, place, gap)
     with in_words_of_table(table, pos.angles):
         refuse_impossible_speed(time_s, found.position_m, gap)
         return Trajectory(time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=found.velocity_mps, **delays)
 
 
-def _recorded(file: str, source: Source, place: str) -> tuple[np.ndarray, Samples, Table]:
+def _recorded(file: str, source: Source, place: str, max_gap_s: float) -> tuple[np.ndarray, Samples, Table]:
     """Times and samples of a POS table, and its rows by name only: what it held may be large, and is not needed twice."""
     sheet, world, angles = source.sheet(file, place), source.toml.world.kind, source.toml.pos.angles
     table = sheet.parse([Column("time_s"), *navigation_columns(sheet, world, angles)], ignore=is_ignored)
@@ -131,7 +132,9 @@ def _recorded(file: str, source: Source, place: str) -> tuple[np.ndarray, Sample
     if len(table) < 2:
         raise FlightError(f"{file}: {len(table)} samples; at least two are needed to interpolate")
     check_increasing(table, "time_s")
-    return table["time_s"], samples(table, world, angles), dataclasses.replace(table, columns={})
+    time_s, found = table["time_s"], samples(table, world, angles)
+    source.note(cautions.of_positions(table, time_s, found, max_gap_s))
+    return time_s, found, dataclasses.replace(table, columns={})
 
 
 def _or_zero(value: float | None) -> Any:
@@ -149,6 +152,7 @@ def _poses(file: str, source: Source, place: str) -> PosePerImage:
     source.leave_out(table, "accuracies of poses are not used yet")
     order = _rows_by_image(table, source)
     position, quaternion, _ = samples(table, world, angles)
+    source.note(cautions.of_poses(table, position))
     turn, shift = (np.stack([table[n] for n in names], axis=-1)[order] if names[0] in table else None for names in SMALL_MOTION)
     return PosePerImage(position[order], quaternion[order], None if turn is None else np.radians(turn), shift)
 
@@ -193,6 +197,8 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     sampled = ~np.isnan(table[column])
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
+    refuse_codes(table, column, np.flatnonzero(sampled))
+    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled)))
     return Encoder(
         table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place), f"{file}, {column}"
     )

@@ -10,6 +10,9 @@ import numpy as np
 
 from ..rules import FlightError
 
+# A code for missing data is this many times the range of all other numbers away from them, and farther than two turns.
+_TIMES_RANGE, _FARTHEST = 20.0, 720.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Column:
@@ -95,6 +98,25 @@ def check_increasing(table: Table, column: str, rows: np.ndarray | None = None, 
             f"{owner}{values[i + 1]:.10g} {kind} line {table.lines[rows[i]]} ({values[i]:.10g}); "
             f"sort the lines by {column} and remove duplicates",
         )
+
+
+def refuse_codes(table: Table, column: str, rows: np.ndarray) -> None:
+    """Refuse numbers of a series that lie so far from all others that they can only be codes for missing data, as -9999.
+
+    **Arguments:** `rows`: those where the column is not blank.
+    """
+    values = table[column][rows]
+    order = np.argsort(values)
+    gaps = np.diff(values[order])
+    if len(gaps) < 2:
+        return
+    cut = int(np.argmax(gaps)) + 1
+    few, many = sorted((order[:cut], order[cut:]), key=len)
+    low, high = float(values[many].min()), float(values[many].max())
+    if len(few) <= max(1, len(values) // 10) and gaps[cut - 1] > max(_FARTHEST, _TIMES_RANGE * (high - low)):
+        row = int(rows[few.min()])
+        what = f"{values[few.min()]:.10g} lies far from all others, which are {low:.6g} to {high:.6g}"
+        table.fail(row, column, f"{what}; where it stands for missing data, leave the cell blank")
 
 
 def exact(values: Any) -> list[str]:
