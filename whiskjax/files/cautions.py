@@ -111,7 +111,7 @@ def _velocities_that_drift(table: Table, time_s: np.ndarray, found: Samples, max
 
 
 def _headings_aside(table: Table, time_s: np.ndarray, found: Samples, max_gap_s: float) -> list[str]:
-    w = ways(time_s, found.position_m, np.zeros_like(found.position_m), max_gap_s, _WINDOW_S)
+    w = ways(time_s, found.position_m, np.broadcast_to(0.0, found.position_m.shape), max_gap_s, _WINDOW_S)
     axes = level_axes(w.position_m) if len(w.start) else None
     east, north, _ = (w.by_positions_m if axes is None else np.einsum("nij,nj->ni", axes, w.by_positions_m)).T
     fast = np.hypot(east, north) > _FAST_MPS * w.length_s
