@@ -10,6 +10,7 @@ import sys  # noqa: E402
 from . import (  # noqa: E402, F401  (each registers its benchmarks)
     batch,
     calibration,
+    files,
     geodesy,
     imaging,
     location,
