@@ -116,12 +116,14 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
             raise FlightError(f'{place}: {file}: SBET holds latitude, longitude, height and angles = "roll_pitch_heading"')
         with in_words_of_sbet(file):
             records = read_sbet(source.folder / file)
+            made = Trajectory(*records, max_gap_s=gap, **delays)
             refuse_impossible_speed(records.time_s, records.position_m, gap)
-            return Trajectory(*records, max_gap_s=gap, **delays)
+            return made
     time_s, found, table = _recorded(file, source, place, gap)
     with in_words_of_table(table, pos.angles):
+        made = Trajectory(time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=found.velocity_mps, **delays)
         refuse_impossible_speed(time_s, found.position_m, gap)
-        return Trajectory(time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=found.velocity_mps, **delays)
+        return made
 
 
 def _recorded(file: str, source: Source, place: str, max_gap_s: float) -> tuple[np.ndarray, Samples, Table]:
