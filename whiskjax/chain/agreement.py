@@ -75,32 +75,45 @@ def level_axes(position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3
     return np.stack([east, np.cross(up, east), up], axis=1)
 
 
+def misread(
+    time_s: Float[np.ndarray, " n"],
+    position_m: Float[np.ndarray, "n 3"],
+    velocity_mps: Float[np.ndarray, "n 3"],
+    max_gap_s: float,
+) -> Contradiction | None:
+    """Whether the velocities are those of the positions in another unit, with another sign, or in another order."""
+    found = ways(time_s, position_m, velocity_mps, max_gap_s)
+    if len(found.start) < _LEAST_WINDOWS:
+        return None
+    axes = level_axes(found.position_m)
+    frames = [(_LEVEL, *(np.einsum("nij,nj->ni", axes, w) for w in found[3:]))] if axes is not None else []
+    for names, flown, told in [*frames, (_WORLD, found.by_positions_m, found.by_velocities_m)]:
+        sentence = _other_reading(names, flown, told, found.length_s)
+        if sentence:
+            return Contradiction(_farthest(found), sentence)
+    return None
+
+
 def contradiction(
     time_s: Float[np.ndarray, " n"],
     position_m: Float[np.ndarray, "n 3"],
     velocity_mps: Float[np.ndarray, "n 3"],
     max_gap_s: float,
 ) -> Contradiction | None:
-    """What is wrong with the velocities of a record, if anything is."""
+    """Whether the velocities are of another motion altogether."""
     found = ways(time_s, position_m, velocity_mps, max_gap_s)
-    if len(found.start) < _LEAST_WINDOWS:
-        return None
-    axes = level_axes(found.position_m)
-    frames = [(_LEVEL, *(np.einsum("nij,nj->ni", axes, w) for w in found[3:]))] if axes is not None else []
-    sample = int(found.start[np.argmax(np.linalg.norm(found.by_positions_m - found.by_velocities_m, axis=1))])
-    for names, flown, told in [*frames, (_WORLD, found.by_positions_m, found.by_velocities_m)]:
-        sentence = _other_reading(names, flown, told, found.length_s)
-        if sentence:
-            return Contradiction(sample, sentence)
     left = np.sum((found.by_positions_m - found.by_velocities_m) ** 2)
     most = max(np.sum(found.by_positions_m**2), np.sum(found.by_velocities_m**2))
     seconds = np.sqrt(np.sum(found.length_s**2))
-    if left > _CONTRADICTION * most and np.sqrt(left) / seconds > 2 * _LEAST_MPS:
-        flown, told = (np.sqrt(np.sum(w**2)) / seconds for w in found[3:])
-        return Contradiction(
-            sample, f"the positions move at {flown:.4g} m/s, the velocities are {told:.4g} m/s and lead elsewhere (rms)"
-        )
-    return None
+    if len(found.start) < _LEAST_WINDOWS or left <= max(_CONTRADICTION * most, (2 * _LEAST_MPS * seconds) ** 2):
+        return None
+    flown, told = (np.sqrt(np.sum(w**2)) / seconds for w in found[3:])
+    said = f"the positions move at {flown:.4g} m/s, the velocities are {told:.4g} m/s and lead elsewhere (rms)"
+    return Contradiction(_farthest(found), said)
+
+
+def _farthest(found: Ways) -> int:
+    return int(found.start[np.argmax(np.linalg.norm(found.by_positions_m - found.by_velocities_m, axis=1))])
 
 
 def _other_reading(names: tuple[str, ...], flown: np.ndarray, told: np.ndarray, length_s: np.ndarray) -> str:

@@ -83,10 +83,11 @@ def of_lines(table: Table, rows: Iterable[list[int]]) -> list[str]:
 
 
 def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str, rows: np.ndarray | None = None) -> list[str]:
-    """Records that leave the line of their neighbours and come back: theirs is the largest of three, twice the other two."""
+    """Records that leave the line of their neighbours and come back: those are off by half as much, at a bend they are not."""
     usual = float(np.median(beside[1:-1])) if len(beside) > 2 else np.inf
-    around = np.maximum(np.append(0.0, beside[:-1]), np.append(beside[1:], 0.0))
-    odd = (beside > max(least, _TIMES_MEDIAN * usual)) & (beside > 1.5 * around)
+    before, after = np.append(0.0, beside[:-1]), np.append(beside[1:], 0.0)
+    comes_back = (beside > 1.5 * np.maximum(before, after)) & (np.minimum(before, after) > 0.25 * beside)
+    odd = (beside > max(least, _TIMES_MEDIAN * usual)) & comes_back
     if not odd.any():
         return []
     i = int(np.argmax(odd))
