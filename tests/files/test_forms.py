@@ -18,7 +18,7 @@ from whiskjax.files.tables import table_text
 
 TO_ECEF = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
 ENU_FROM_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-angle = st.floats(-180, 180)
+angle, turn = st.floats(-180, 180), st.floats(-360, 360)
 
 
 def parsed(columns, world, angles):
@@ -38,7 +38,7 @@ def ecef_from_enu(lat, lon):
     return (Rotation.from_euler("z", 90 + lon, degrees=True) * Rotation.from_euler("x", 90 - lat, degrees=True)).as_matrix()
 
 
-@given(st.floats(-90, 90), angle, st.floats(-400, 9000), angle, st.floats(-90, 90), st.floats(-360, 360))
+@given(st.floats(-90, 90), angle, st.floats(-400, 9000), turn, turn, turn)
 def test_roll_pitch_heading(lat, lon, height, roll, pitch, heading):
     at = text(lat_deg=lat, lon_deg=lon, height_m=height, roll_deg=roll, pitch_deg=pitch, heading_deg=heading)
     position, rotation, _ = parsed(at, "wgs84", "roll_pitch_heading")
@@ -51,7 +51,7 @@ def test_roll_pitch_heading(lat, lon, height, roll, pitch, heading):
     np.testing.assert_allclose(rotation[0], ENU_FROM_NED @ ned_from_body, rtol=0, atol=3e-15)
 
 
-@given(st.floats(-89.9, 89.9), angle, angle, angle, angle, st.floats(-5, 5))
+@given(st.floats(-89.9, 89.9), angle, turn, turn, turn, st.floats(-5, 5))
 def test_opk(lat, lon, omega, phi, kappa, convergence):
     """Omega, phi, kappa turn the camera in the grid of a map, whose north is `convergence` off the true one."""
     opk = {"omega_deg": omega, "phi_deg": phi, "kappa_deg": kappa}
@@ -90,9 +90,12 @@ def test_velocities(lat, lon, v):
     np.testing.assert_allclose(velocity[0], v)
 
 
-@given(st.floats(-90, 90), angle, st.floats(-400, 9000), angle, st.sampled_from([-90.0, -89.9999999, 0.0, 30.0, 90.0]), angle)
+pitches = st.sampled_from([-90.0, -89.9999999, -90.3, 0.0, 30.0, 90.0, 135.0, -200.0, 360.0])
+
+
+@given(st.floats(-90, 90), angle, st.floats(-400, 9000), turn, pitches, turn)
 def test_written_attitudes_are_read_back(lat, lon, height, roll, pitch, heading):
-    """All over the Earth and at every attitude, straight up and down included."""
+    """All over the Earth and at every attitude: straight up and down, past nadir, on the back."""
     position = np.array([TO_ECEF.transform(lon, lat, height)])
     rotation = (
         ecef_from_enu(lat, lon) @ ENU_FROM_NED.T @ Rotation.from_euler("ZYX", [heading, pitch, roll], degrees=True).as_matrix()

@@ -15,9 +15,9 @@ _UNITS = {"km/h": 1 / 3.6, "knots": 1852 / 3600, "feet per second": 0.3048, "mil
 _UNITS |= {"cm/s": 1e-2, "mm/s": 1e-3}
 _LEVEL, _WORLD = ("east", "north", "up"), ("x", "y", "z")
 
-# Another reading of the velocities has to leave this many times less (in squares): along the axes that it changes, which differ
-# by at least so much, and along all of them.
-_BETTER, _LEAST_MPS, _BETTER_IN_ALL = 25.0, 0.5, 5.0
+# Another reading of the velocities has to leave this many times less (in squares) along the axes that it changes, which differ by
+# at least so much; and it has to explain most of all that is wrong, or what is left as it was has to be right to this part.
+_BETTER, _LEAST_MPS, _BETTER_IN_ALL, _RIGHT = 25.0, 0.5, 5.0, 0.01
 # Without one they contradict the positions where they leave this share of the larger of the two (in squares).
 _CONTRADICTION = 0.5
 _WINDOW_S, _LEAST_WINDOWS, _MANY_WINDOWS = 1.0, 4, 8
@@ -52,16 +52,13 @@ def ways(
     window_s = min(window_s, (time_s[-1] - time_s[0]) / _MANY_WINDOWS)
     cuts = np.unique(np.searchsorted(time_s, np.arange(time_s[0], time_s[-1] + 0.5 * window_s, window_s)))
     cuts = cuts[cuts < len(time_s)]
-    gaps = np.append(0, np.cumsum(dt > max_gap_s))
-    flown = np.zeros((len(time_s), 3))
-    for k in range(3):
-        np.cumsum(0.5 * (velocity_mps[1:, k] + velocity_mps[:-1, k]) * dt, out=flown[1:, k])
     start, end = cuts[:-1], cuts[1:]
-    whole = gaps[start] == gaps[end]
+    within = lambda each: np.add.reduceat(each[: cuts[-1]], start) if len(start) else np.zeros(0)
+    flown = [within(0.5 * (velocity_mps[1:, k] + velocity_mps[:-1, k]) * dt) for k in range(3)]
+    whole = within(dt > max_gap_s) == 0
+    by_velocities = np.stack(flown, axis=-1)[whole]
     start, end = start[whole], end[whole]
-    return Ways(
-        start, time_s[end] - time_s[start], position_m[start], position_m[end] - position_m[start], flown[end] - flown[start]
-    )
+    return Ways(start, time_s[end] - time_s[start], position_m[start], position_m[end] - position_m[start], by_velocities)
 
 
 def level_axes(position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"] | None:
@@ -78,32 +75,45 @@ def level_axes(position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3
     return np.stack([east, np.cross(up, east), up], axis=1)
 
 
+def misread(
+    time_s: Float[np.ndarray, " n"],
+    position_m: Float[np.ndarray, "n 3"],
+    velocity_mps: Float[np.ndarray, "n 3"],
+    max_gap_s: float,
+) -> Contradiction | None:
+    """Whether the velocities are those of the positions in another unit, with another sign, or in another order."""
+    found = ways(time_s, position_m, velocity_mps, max_gap_s)
+    if len(found.start) < _LEAST_WINDOWS:
+        return None
+    axes = level_axes(found.position_m)
+    frames = [(_LEVEL, *(np.einsum("nij,nj->ni", axes, w) for w in found[3:]))] if axes is not None else []
+    for names, flown, told in [*frames, (_WORLD, found.by_positions_m, found.by_velocities_m)]:
+        sentence = _other_reading(names, flown, told, found.length_s)
+        if sentence:
+            return Contradiction(_farthest(found), sentence)
+    return None
+
+
 def contradiction(
     time_s: Float[np.ndarray, " n"],
     position_m: Float[np.ndarray, "n 3"],
     velocity_mps: Float[np.ndarray, "n 3"],
     max_gap_s: float,
 ) -> Contradiction | None:
-    """What is wrong with the velocities of a record, if anything is."""
+    """Whether the velocities are of another motion altogether."""
     found = ways(time_s, position_m, velocity_mps, max_gap_s)
-    if len(found.start) < _LEAST_WINDOWS:
-        return None
-    axes = level_axes(found.position_m)
-    frames = [(_LEVEL, *(np.einsum("nij,nj->ni", axes, w) for w in found[3:]))] if axes is not None else []
-    sample = int(found.start[np.argmax(np.linalg.norm(found.by_positions_m - found.by_velocities_m, axis=1))])
-    for names, flown, told in [*frames, (_WORLD, found.by_positions_m, found.by_velocities_m)]:
-        sentence = _other_reading(names, flown, told, found.length_s)
-        if sentence:
-            return Contradiction(sample, sentence)
     left = np.sum((found.by_positions_m - found.by_velocities_m) ** 2)
     most = max(np.sum(found.by_positions_m**2), np.sum(found.by_velocities_m**2))
     seconds = np.sqrt(np.sum(found.length_s**2))
-    if left > _CONTRADICTION * most and np.sqrt(left) / seconds > 2 * _LEAST_MPS:
-        flown, told = (np.sqrt(np.sum(w**2)) / seconds for w in found[3:])
-        return Contradiction(
-            sample, f"the positions move at {flown:.4g} m/s, the velocities are {told:.4g} m/s and lead elsewhere (rms)"
-        )
-    return None
+    if len(found.start) < _LEAST_WINDOWS or left <= max(_CONTRADICTION * most, (2 * _LEAST_MPS * seconds) ** 2):
+        return None
+    flown, told = (np.sqrt(np.sum(w**2)) / seconds for w in found[3:])
+    said = f"the positions move at {flown:.4g} m/s, the velocities are {told:.4g} m/s and lead elsewhere (rms)"
+    return Contradiction(_farthest(found), said)
+
+
+def _farthest(found: Ways) -> int:
+    return int(found.start[np.argmax(np.linalg.norm(found.by_positions_m - found.by_velocities_m, axis=1))])
 
 
 def _other_reading(names: tuple[str, ...], flown: np.ndarray, told: np.ndarray, length_s: np.ndarray) -> str:
@@ -121,7 +131,8 @@ def _other_reading(names: tuple[str, ...], flown: np.ndarray, told: np.ndarray, 
                 left = ways_flown - 2 * factor * across[range(3), order] + factor**2 * ways_told[list(order)]
                 before, after = plain[changed].sum(), max(left[changed].sum(), 0.0)
                 total = float(after + plain[~changed].sum())
-                explains = before > _BETTER * after and plain.sum() > _BETTER_IN_ALL * total
+                rest_is_right = plain[~changed].sum() <= _RIGHT * ways_flown[~changed].sum()
+                explains = before > _BETTER * after and (rest_is_right or plain.sum() > _BETTER_IN_ALL * total)
                 if explains and np.sqrt(before / np.sum(length_s**2)) > _LEAST_MPS:
                     changes = int(changed.sum()) + 3 * (unit != "m/s")
                     best = min(best, (total, changes, _told(names, order, signs, unit)))

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..rules import WhiskjaxError
-from .agreement import contradiction
+from .agreement import Contradiction, contradiction, misread
 from .samples import blocks
 
 # A record stands out where its step, or its way beside the line between its neighbours, is this many times the median. Without
@@ -109,10 +109,16 @@ def refuse_impossible_motion(
     dt = np.diff(time_s)
     joined = dt <= max_gap_s
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused
-        for quantity, values in ((POSITION, position_m), (ATTITUDE, quaternion), (_VELOCITY, velocity_mps)):
-            if values is not None:
-                _refuse_outliers(quantity, values, dt, joined)
-        wrong = None if velocity_mps is None else contradiction(time_s, position_m, velocity_mps, max_gap_s)
+        _refuse_outliers(POSITION, position_m, dt, joined)
+        _refuse_outliers(ATTITUDE, quaternion, dt, joined)
+        if velocity_mps is not None:
+            # A unit or a sign explains all records at once; after that, one that is wrong would contradict the positions too.
+            _refuse_velocities(misread(time_s, position_m, velocity_mps, max_gap_s))
+            _refuse_outliers(_VELOCITY, velocity_mps, dt, joined)
+            _refuse_velocities(contradiction(time_s, position_m, velocity_mps, max_gap_s))
+
+
+def _refuse_velocities(wrong: Contradiction | None) -> None:
     if wrong is not None:
         sentence = lambda name: f"{wrong.sentence}, most after {name(wrong.sample)}; correct them or leave the columns out"
         raise ImpossibleMotion(wrong.sample, "velocity", sentence)
@@ -155,6 +161,7 @@ def departures(distance: Distance, dt: Float[np.ndarray, " n-1"], values: Float[
 def _refuse_outliers(q: Quantity, values: np.ndarray, dt: np.ndarray, joined: Bool[np.ndarray, " n-1"]) -> None:
     step, beside = _steps(q, values), departures(q.distance, dt, values)
     known = np.append(np.append(False, joined[:-1] & joined[1:]), False)  # whose neighbours both belong to it
+    beside[~known] = 0.0
     usual_step, usual_beside = (np.median(far[of]) if of.any() else 0.0 for far, of in ((step, joined), (beside, known)))
     excused = TIMES_MEDIAN * (len(values) >= LEAST_SAMPLES)
     is_smooth = usual_beside <= _SMOOTH * usual_step
@@ -162,15 +169,30 @@ def _refuse_outliers(q: Quantity, values: np.ndarray, dt: np.ndarray, joined: Bo
     bent = known.copy()
     bent[1:-1] &= ~(beside[1:-1] <= np.maximum(q.beside(dt[:-1], dt[1:]) + q.jump, excused * usual_beside))
     if not (too_far.any() or bent.any()):
+        if q is POSITION and is_smooth:
+            _refuse_speed_throughout(step[joined].sum(), dt[joined].sum(), len(dt))
         return
     first = min(int(np.argmax(wrong)) for wrong in (too_far, bent) if wrong.any())
-    # A record that stands alone throws its neighbours off their lines too, by half as much.
-    near = np.arange(first, min(first + 3, len(values)))
-    worst = int(near[np.argmax(np.where(known[near], beside[near], -1.0))])
+    # A record that stands alone throws its neighbours off their lines too, by half as much; a jump throws off two alike.
+    near = range(first, min(first + 3, len(values)))
+    worst = max(near, key=lambda i: beside[i] if i == first or beside[i] > 1.5 * beside[first] else -1.0)
     sides = [i for i in (worst - 1, worst) if 0 <= i < len(dt) and joined[i]]
     if len(sides) == 2 and min(step[sides]) > 0.5 * max(step[sides]):
         _fail(q, worst, step, dt, stands_alone=True)
     _fail(q, 1 + max(sides, key=lambda i: step[i]), step, dt)
+
+
+def _refuse_speed_throughout(way_m: float, time_s: float, last: int) -> None:
+    """Steps that are small in metres, but made in no time: milliseconds or hours taken for seconds."""
+    if way_m > POSITION.rate * time_s + 5 * POSITION.jump:
+        raise ImpossibleMotion(
+            0,
+            POSITION.what,
+            lambda name: (
+                f"from {name(0)} to {name(last)} it is {POSITION.told(way_m)} in {time_s:.4g} s, which no platform can fly; are "
+                "the times in seconds and the positions in metres?"
+            ),
+        )
 
 
 def _fail(q: Quantity, sample: int, step: np.ndarray, dt: np.ndarray, stands_alone: bool = False) -> NoReturn:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..chain.agreement import level_axes, ways
 from ..chain.possible import ATTITUDE, POSITION, departures
+from ..chain.samples import sign_continuous
 from .navigation import Samples
 from .tables import Table
 
@@ -31,12 +32,14 @@ def of_positions(table: Table, time_s: Float[np.ndarray, " n"], found: Samples, 
     """Cautions about a POS table."""
     dt = np.diff(time_s)
     out = []
+    gap = dt > max_gap_s
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused elsewhere
         for quantity, values, least, unit in (
             (POSITION, found.position_m, _LEAST_M, "m"),
-            (ATTITUDE, found.quaternion, _LEAST_DEG, "deg"),
+            (ATTITUDE, sign_continuous(found.quaternion), _LEAST_DEG, "deg"),
         ):
-            beside = _within(departures(quantity.distance, dt, values), dt, max_gap_s)
+            beside = departures(quantity.distance, dt, values)
+            beside[:-1][gap] = beside[1:][gap] = 0.0
             out += _alone(table, f"the {quantity.what}", beside, least, unit)
         if found.velocity_mps is not None:
             out += _velocities_that_drift(table, time_s, found.position_m, found.velocity_mps, max_gap_s)
@@ -45,11 +48,10 @@ def of_positions(table: Table, time_s: Float[np.ndarray, " n"], found: Samples, 
     return out
 
 
-def of_encoder(table: Table, column: str, rows: np.ndarray, max_gap_s: float) -> list[str]:
+def of_encoder(table: Table, column: str, rows: np.ndarray) -> list[str]:
     """A caution about one encoder, sampled in some rows of a table."""
     angle = np.unwrap(table[column][rows], period=360)[:, None]
-    dt = np.diff(table["time_s"][rows])
-    beside = _within(departures(lambda a, b: np.abs(a - b)[:, 0], dt, angle), dt, max_gap_s)
+    beside = departures(lambda a, b: np.abs(a - b)[:, 0], np.diff(table["time_s"][rows]), angle)
     return _alone(table, column, beside, _LEAST_DEG, "deg", rows)
 
 
@@ -80,17 +82,12 @@ def of_lines(table: Table, rows: Iterable[list[int]]) -> list[str]:
     return [f"{table.place(int(pairs[i, 1]), 'time_s')}: a line before it takes {each[i]:.3g} s, of all others {usual:.3g} s."]
 
 
-def _within(beside: np.ndarray, dt: np.ndarray, max_gap_s: float) -> Float[np.ndarray, " n"]:
-    """Zero where a neighbour lies beyond a gap: nothing is asked across it."""
-    joined = dt <= max_gap_s
-    return np.where(np.append(np.append(False, joined[:-1] & joined[1:]), False), beside, 0.0)
-
-
 def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str, rows: np.ndarray | None = None) -> list[str]:
-    """Records that leave the line of their neighbours and come back: theirs is the largest of three, twice the other two."""
+    """Records that leave the line of their neighbours and come back: those are off by half as much, at a bend they are not."""
     usual = float(np.median(beside[1:-1])) if len(beside) > 2 else np.inf
-    around = np.maximum(np.append(0.0, beside[:-1]), np.append(beside[1:], 0.0))
-    odd = (beside > max(least, _TIMES_MEDIAN * usual)) & (beside > 1.5 * around)
+    before, after = np.append(0.0, beside[:-1]), np.append(beside[1:], 0.0)
+    comes_back = (beside > 1.5 * np.maximum(before, after)) & (np.minimum(before, after) > 0.25 * beside)
+    odd = (beside > max(least, _TIMES_MEDIAN * usual)) & comes_back
     if not odd.any():
         return []
     i = int(np.argmax(odd))
@@ -117,7 +114,7 @@ def _velocities_that_drift(
 
 
 def _headings_aside(table: Table, time_s: np.ndarray, found: Samples, max_gap_s: float) -> list[str]:
-    w = ways(time_s, found.position_m, np.zeros_like(found.position_m), max_gap_s, _WINDOW_S)
+    w = ways(time_s, found.position_m, np.broadcast_to(0.0, found.position_m.shape), max_gap_s, _WINDOW_S)
     axes = level_axes(w.position_m) if len(w.start) else None
     east, north, _ = (w.by_positions_m if axes is None else np.einsum("nij,nj->ni", axes, w.by_positions_m)).T
     fast = np.hypot(east, north) > _FAST_MPS * w.length_s

@@ -19,7 +19,7 @@ from ..rules import FlightError
 # As long as Python's csv module lets a cell be: a longer one comes from a quotation mark that nobody closed.
 LONGEST_CELL = 131_072
 
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _CELL = re.compile(r'(?:"([^"]*(?:""[^"]*)*)"|([^",]*))(,|\Z)')
 _LINE_END = re.compile(r"\r\n|\r|\n")

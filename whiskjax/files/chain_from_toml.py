@@ -118,18 +118,20 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
             raise FlightError(f'{place}: {file}: SBET holds latitude, longitude, height and angles = "roll_pitch_heading"')
         with in_words_of_sbet(file):
             records = read_sbet(source.folder / file)
+            made = Trajectory(*records, max_gap_s=gap, **delays, interpolation=way)
             refuse_impossible_speed(records.time_s, records.position_m, gap)
-            return Trajectory(*records, max_gap_s=gap, **delays, interpolation=way)
+            return made
     time_s, found, table = _recorded(file, source, place, gap)
     velocity = found.velocity_mps
     if velocity is not None and way == "cubic":
         source.note([f"{file}: velocities left out: a cubic trajectory has those of its positions."])
         velocity = None
     with in_words_of_table(table, pos.angles):
-        refuse_impossible_speed(time_s, found.position_m, gap)
-        return Trajectory(
+        made = Trajectory(
             time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=velocity, **delays, interpolation=way
         )
+        refuse_impossible_speed(time_s, found.position_m, gap)
+        return made
 
 
 def _recorded(file: str, source: Source, place: str, max_gap_s: float) -> tuple[np.ndarray, Samples, Table]:
@@ -206,7 +208,7 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
     refuse_codes(table, column, np.flatnonzero(sampled))
-    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled), _max_gap(entry, source, place)))
+    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled)))
     time, angle, gap = table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place)
     _, unclear = unwrapped(time, angle, np.diff(time) > gap, entry.wraps)
     if unclear:

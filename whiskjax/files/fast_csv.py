@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..rules import import_extra
 from .cells import LONGEST_CELL
@@ -28,12 +29,22 @@ def read_columns(path: Path, header: tuple[str, ...], numbers: list[str], texts:
     breaks_in_cells = _is_plain(path)
     if breaks_in_cells is None:
         return None
-    pa, csv = import_extra("pyarrow", "files"), import_extra("pyarrow.csv", "files")
+    pa = import_extra("pyarrow", "files")
+    found = _arrow_columns(pa, path, header, breaks_in_cells, numbers, texts)
+    pa.default_memory_pool().release_unused()  # the text that was read is larger than the numbers
+    return found
+
+
+def _arrow_columns(
+    pa: Any, path: Path, header: tuple[str, ...], breaks_in_cells: bool, numbers: list[str], texts: list[str]
+) -> dict[str, Any] | None:
+    csv = import_extra("pyarrow.csv", "files")
     types = {name: pa.float64() for name in numbers} | {name: pa.string() for name in texts}
     try:
         table = csv.read_csv(
             path,
-            csv.ReadOptions(column_names=list(header), skip_rows=1),
+            # One thread: with more, memory grows by what each of them holds.
+            csv.ReadOptions(column_names=list(header), skip_rows=1, use_threads=False),
             csv.ParseOptions(newlines_in_values=breaks_in_cells),
             csv.ConvertOptions(column_types=types, include_columns=list(types), null_values=[""]),
         )
@@ -41,15 +52,20 @@ def read_columns(path: Path, header: tuple[str, ...], numbers: list[str], texts:
         return None
     out: dict[str, Any] = {}
     for name in numbers:
-        column = table[name]
-        values = column.to_numpy()
-        if int(np.isfinite(values).sum()) + column.null_count != len(values):
+        out[name] = _copied(table[name])
+        if int(np.isfinite(out[name]).sum()) + table[name].null_count != len(table):
             return None  # nan and inf are words that Arrow takes for numbers
-        out[name] = values
     for name in texts:
         out[name] = [text.strip() for text in table[name].to_pylist()]
-    del table
-    pa.default_memory_pool().release_unused()  # the text that was read is as large as the numbers
+    return out
+
+
+def _copied(column: Any) -> Float[np.ndarray, " n"]:
+    """In memory of numpy's: what Arrow once had it keeps for itself, and whatever comes next would need as much again."""
+    out, start = np.empty(len(column)), 0
+    for chunk in column.chunks:
+        out[start : start + len(chunk)] = chunk.to_numpy(zero_copy_only=False)  # NaN where a cell is blank
+        start += len(chunk)
     return out
 
 

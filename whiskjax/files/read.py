@@ -54,7 +54,7 @@ def read_flight(folder: str | Path) -> Flight:
         world=world,
         epoch=toml.epoch,
         reference_point=toml.pos.reference_point,
-        notes="\n".join([*([toml.notes] if toml.notes else []), *source.noted]),
+        notes="\n".join([*([toml.notes] if toml.notes else []), *source.left_out]),
     )
     check_names(flight)
     check_flight(flight, lambda i: f"{table.place(i)} (image {table['image'][i]}, point {table['point'][i]})")

@@ -31,7 +31,7 @@ class Source:
     folder: Path
     toml: "FlightTable"
     sheets: dict[str, Sheet] = dataclasses.field(default_factory=dict)
-    noted: list[str] = dataclasses.field(default_factory=list)
+    left_out: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def first_centre(self) -> float:
@@ -57,8 +57,8 @@ class Source:
     def note(self, sentences: Iterable[str]) -> None:
         """Note what is odd; what the flight's notes say already, because it was read and written before, is not said again."""
         for sentence in sentences:
-            if sentence not in self.noted and sentence not in self.toml.notes:
-                self.noted.append(sentence)
+            if sentence not in self.left_out and sentence not in self.toml.notes:
+                self.left_out.append(sentence)
 
 
 def _images_table(sheet: Sheet) -> Table:

@@ -39,9 +39,10 @@ def _check(data: dict[str, Any], name: str) -> None:
         for place, node in level:
             if isinstance(node, dict):
                 for key, value in node.items():
+                    inside = f"{place}.{key}" if place else key
                     if len(key) > LONGEST_TEXT:
-                        _fail(name, f"{place}{key[:40]}...", f"a key of {len(key)} characters, and nobody writes so many")
-                    inner.append((f"{place}.{key}" if place else key, value))
+                        _fail(name, f"{inside[:100]}...", f"a key of {len(key)} characters, and nobody writes so many")
+                    inner.append((inside, value))
             elif isinstance(node, list):
                 inner += [(f"{place}[{i}]", value) for i, value in enumerate(node)]
             elif isinstance(node, str) and len(node) > LONGEST_TEXT and place != "notes":

@@ -5,8 +5,9 @@ from typing import Any
 
 from ..rules import import_extra
 
-# tomli_w puts each item on its own line; lists of numbers and of words read better on one.
-_FLAT_LIST = re.compile(r"\[\n((?: +[^\[\]\n]+,\n)+) *\]")
+# tomli_w puts each item on its own line; lists of numbers and of words read better on one. An item begins with no space: else
+# each line could be taken apart in many ways, and a list that does not fit would be tried in all of them.
+_FLAT_LIST = re.compile(r"\[\n((?: +[^ \[\]\n][^\[\]\n]*,\n)+) *\]")
 _NESTED_LIST = re.compile(r"\[\n((?: +\[[^\[\]\n]*\],\n)+) *\]")
 
 
