@@ -22,7 +22,7 @@ def test_a_place_in_degrees_has_its_numbers_in_degrees(where):
 def test_several_places_are_written_alike():
     both = wj.Unknown("x", ("a.zero_deg", "b.zero_deg"), scale=90.0)
     assert both == wj.Unknown("x", ("a.zero_rad", "b.zero_rad"), scale=math.pi / 2)
-    with pytest.raises(wj.WhiskjaxError, match="write all places in degrees, or all in radians"):
+    with pytest.raises(wj.WhiskjaxError, match="write all in degrees, or all in radians"):
         wj.Unknown("x", ("a.zero_deg", "b.zero_rad"), scale=1.0)
 
 
