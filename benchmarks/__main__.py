@@ -6,10 +6,13 @@ keep_to_one_thread()
 
 import argparse  # noqa: E402
 import sys  # noqa: E402
+from pathlib import Path  # noqa: E402
 
 from . import (  # noqa: E402, F401  (each registers its benchmarks)
     batch,
+    blunders,
     calibration,
+    files,
     geodesy,
     imaging,
     location,
@@ -17,6 +20,7 @@ from . import (  # noqa: E402, F401  (each registers its benchmarks)
     three_line,
 )
 from .measure import measure_all  # noqa: E402
+from .page import page  # noqa: E402
 from .report import machine, read_baseline, table, verdict, write_baseline  # noqa: E402
 from .suite import BENCHMARKS, Benchmark  # noqa: E402
 
@@ -34,6 +38,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="beginning of a benchmark's name (default: all)")
     parser.add_argument("--gate", action="store_true", help="exit with 1 where a figure is missed or has regressed")
     parser.add_argument("--update", action="store_true", help="write the ratios into baseline.json")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the figures as a Markdown page")
     options = parser.parse_args()
 
     baseline = read_baseline()
@@ -43,6 +48,8 @@ def main() -> int:
     print("\n".join([table(rows, baseline), *left_out]))
     if options.update:
         write_baseline(rows)
+    if options.page:
+        options.page.write_text(page(rows), encoding="utf-8")
     failed = [b.name for b, m in rows if verdict(b, m, baseline.get(b.name))]
     if failed:
         print(f"{len(failed)} of {len(rows)} failed: {', '.join(failed)}", file=sys.stderr)

@@ -101,18 +101,25 @@ def _against_cxx(of: Callable[[Lanes], object]) -> Measured:
     return race(ours, peer, items=LANES, compile_s=compile_s, note=f"{STEPS} steps each")
 
 
-@benchmark("calibrations_2000", peer="C++ -O3, Eigen", asked=1.2)
+@benchmark("calibrations_2000", what="2000 calibrations of 15 unknowns from 130 points", peer="C++ -O3, Eigen", asked=1.2)
 def calibrations() -> Measured:
     return _against_cxx(lambda lanes: lanes.u)
 
 
-@benchmark("calibrations_2000.with_covariance", peer="C++ -O3, Eigen", asked=None)
+@benchmark(
+    "calibrations_2000.with_covariance",
+    what="the same with covariance, cost, residuals and result code",
+    peer="C++ -O3, Eigen",
+    asked=None,
+)
 def with_covariance() -> Measured:
     found = _against_cxx(lambda lanes: lanes)
     return dataclasses.replace(found, note=f"{found.note}; ours with covariance, cost, residuals, result")
 
 
-@benchmark("calibrations_2000.scipy", peer="scipy, analytic", asked=0.02)
+@benchmark(
+    "calibrations_2000.scipy", what="the same against a loop over scipy's least squares", peer="scipy, analytic", asked=0.02
+)
 def against_scipy() -> Measured:
     from .peers.scipy_calibration import ScipyCalibration
 
@@ -141,14 +148,16 @@ def _many(runs: int, repeats: int, cores: set[int]) -> dict[str, float]:
     return in_own_process("many_runs", str(runs), str(repeats), ",".join(map(str, cores)))
 
 
-@benchmark("calibrations_10000.memory", peer="-", asked=2.0, unit="GB")
+@benchmark("calibrations_10000.memory", what="10,000 calibrations: peak memory of the process", peer="-", asked=2.0, unit="GB")
 def memory() -> Measured:
     many, few = (_many(runs, 2, one_thread.CORES)["peak_gb"] for runs in (RUNS, FEW_RUNS))
     note = f"peak of a process that makes {RUNS} runs twice, from import to end; with {FEW_RUNS} runs {few:.2f} GB"
     return Measured(reached=many, note=note)
 
 
-@benchmark("calibrations_2000.both_cores", peer="one core", asked=0.65)
+@benchmark(
+    "calibrations_2000.both_cores", what="2000 calibrations on two cores over one, wall clock", peer="one core", asked=0.65
+)
 def both_cores() -> Measured:
     cores = sorted(one_thread.CORES)
     if len(cores) < 2:

@@ -64,21 +64,21 @@ def _to_geodetic(peer, peer_result) -> Measured:
 # Each peer gets the units and the memory layout that it takes without converting: pyproj degrees, both separate arrays.
 
 
-@benchmark("geodetic_to_ecef.pyproj", peer="pyproj", asked=1.0)
+@benchmark("geodetic_to_ecef.pyproj", what="geodetic to ECEF", peer="pyproj", asked=1.0)
 def to_ecef_pyproj() -> Measured:
     (lat, lon, height), _ = _points()
     transform, lon_deg, lat_deg = _pyproj().transform, np.degrees(lon), np.degrees(lat)
     return _to_ecef(lambda: transform(lon_deg, lat_deg, height), transform(lon_deg, lat_deg, height))
 
 
-@benchmark("geodetic_to_ecef.pymap3d", peer="pymap3d", asked=1.0)
+@benchmark("geodetic_to_ecef.pymap3d", what="geodetic to ECEF", peer="pymap3d", asked=1.0)
 def to_ecef_pymap3d() -> Measured:
     geodetic, _ = _points()
     convert = _peer("pymap3d").geodetic2ecef
     return _to_ecef(lambda: convert(*geodetic, deg=False), convert(*geodetic, deg=False))
 
 
-@benchmark("ecef_to_geodetic.pyproj", peer="pyproj", asked=1.0)
+@benchmark("ecef_to_geodetic.pyproj", what="ECEF to geodetic", peer="pyproj", asked=1.0)
 def to_geodetic_pyproj() -> Measured:
     x, y, z = (np.ascontiguousarray(c) for c in _points()[1].T)
     transform = _pyproj(back=True).transform
@@ -86,7 +86,7 @@ def to_geodetic_pyproj() -> Measured:
     return _to_geodetic(lambda: transform(x, y, z), (np.radians(lat_deg), np.radians(lon_deg), height))
 
 
-@benchmark("ecef_to_geodetic.pymap3d", peer="pymap3d", asked=1.0)
+@benchmark("ecef_to_geodetic.pymap3d", what="ECEF to geodetic", peer="pymap3d", asked=1.0)
 def to_geodetic_pymap3d() -> Measured:
     x, y, z = (np.ascontiguousarray(c) for c in _points()[1].T)
     convert = _peer("pymap3d").ecef2geodetic

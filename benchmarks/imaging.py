@@ -41,7 +41,7 @@ def _first(run) -> float:
     return time.perf_counter() - start
 
 
-@benchmark("image_to_ground", peer="C++ -O3", asked=1.0)
+@benchmark("image_to_ground", what="image to ground, POS interpolated for every pixel", peer="C++ -O3", asked=1.0)
 def image_to_ground() -> Measured:
     time_s, sample_px = _pixels()
     sensor, flight = calibrated(), for_peer(LEFT)
@@ -59,7 +59,7 @@ def image_to_ground() -> Measured:
     return race(ours, peer, items=PIXELS, compile_s=compile_s)
 
 
-@benchmark("ground_to_image", peer="C++ -O3", asked=1.5)
+@benchmark("ground_to_image", what="ground to image, search for the line", peer="C++ -O3", asked=1.5)
 def ground_to_image() -> Measured:
     sensor, flight = calibrated(), for_peer(LEFT)
     point_m = peers.image_to_ground(flight, *_pixels(), HEIGHT_M)

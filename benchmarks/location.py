@@ -34,6 +34,7 @@ FEW_RUNS = 20  # of the peers that loop in Python
 SAME_M = 1e-6
 SIGMA_ENU_M = (1216.0, 1666.0, 1500.0)  # equation 19 of the paper in metres
 NOISES = {"pixel_noise": False, "full_noise": True}
+TOLD = {"pixel_noise": "R of pixels alone", "full_noise": "R with the errors of all records"}
 # C++, one run at a time, is as fast with -mprefer-vector-width=512 as without.
 WIDE: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
 RELINEARISED, STEPS = 5, 15  # those of wj.locate
@@ -207,7 +208,8 @@ for _name, _full in NOISES.items():
         (".filterpy", "filterpy", None, against_filterpy),
         (".stone_soup", "Stone Soup", None, against_stone_soup),
     ):
-        benchmark(f"location.{_name}{_suffix}", peer=_peer, asked=_asked)(partial(_measure, _full))
+        _what = f"location from 40 looks, {TOLD[_name]}"
+        benchmark(f"location.{_name}{_suffix}", what=_what, peer=_peer, asked=_asked)(partial(_measure, _full))
 
 
 def _beside_extended(of: Solve, note: str) -> Measured:
@@ -215,12 +217,19 @@ def _beside_extended(of: Solve, note: str) -> Measured:
     return race(ours, cxx.prepared(*_given(True)), items=RUNS * LOOKS, compile_s=compile_s, note=note)
 
 
-@benchmark("location.iterated", peer="C++, extended", asked=None)
+@benchmark(
+    "location.iterated",
+    what="location from 40 looks, iterated filter, against the extended one in C++",
+    peer="C++, extended",
+    asked=None,
+)
 def iterated_filter() -> Measured:
     return _beside_extended(iterated, f"full noise; each look linearised {1 + RELINEARISED} times")
 
 
-@benchmark("location.batch", peer="C++, extended", asked=None)
+@benchmark(
+    "location.batch", what="location from 40 looks, batch, against the extended filter in C++", peer="C++, extended", asked=None
+)
 def batch_of_looks() -> Measured:
     return _beside_extended(batch, f"full noise; all looks linearised {1 + STEPS} times")
 
@@ -230,7 +239,7 @@ def _in_own_process(task: str, cores: list[int]) -> dict[str, float]:
     return in_own_process("many_locations", task, ",".join(map(str, cores)))
 
 
-@benchmark("location.both_cores", peer="C++ -O3, two threads", asked=1.2)
+@benchmark("location.both_cores", what="location from 40 looks, full R, on both cores", peer="C++ -O3, two threads", asked=1.2)
 def both_cores() -> Measured:
     cores = sorted(one_thread.CORES)[-2:]
     if len(cores) < 2:
@@ -242,7 +251,13 @@ def both_cores() -> Measured:
     )
 
 
-@benchmark("location_10000x180.memory", peer="-", asked=1.0, unit="GB")
+@benchmark(
+    "location_10000x180.memory",
+    what="10,000 locations from 180 looks: peak memory of the process",
+    peer="-",
+    asked=1.0,
+    unit="GB",
+)
 def memory() -> Measured:
     found = _in_own_process("memory", sorted(one_thread.CORES)[-1:])
     note = "full noise; peak of a process from import to end; {draw_s:.1f} s to draw and {locate_s:.2f} s to locate, one core"

@@ -25,7 +25,13 @@ def _start(cache: str) -> tuple[float, float]:
     return took["read_s"], took["calibrate_s"]
 
 
-@benchmark("second_start", peer="-", asked=2.0, unit="s")
+@benchmark(
+    "second_start",
+    what="second start with compiled functions kept: read a flight and calibrate it",
+    peer="-",
+    asked=2.0,
+    unit="s",
+)
 def second_start() -> Measured:
     with tempfile.TemporaryDirectory() as cache:
         first = sum(_start(cache))

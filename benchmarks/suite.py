@@ -11,11 +11,12 @@ from .timing import Measured
 class Benchmark:
     """A measurement and the largest figure that passes.
 
-    **Arguments**: asked: None where no figure was asked for and only the baseline guards it; unit: "x" for our time over the
-    peer's, "s" for seconds, "GB" for memory; on_request: measured only where it is named.
+    **Arguments**: what: for people; asked: None where no figure was asked for and only the baseline guards it; unit: "x" for our
+    time over the peer's, "s" for seconds, "GB" for memory; on_request: measured only where it is named.
     """
 
     name: str
+    what: str
     peer: str
     asked: float | None
     unit: Literal["x", "s", "GB"]
@@ -26,13 +27,15 @@ class Benchmark:
 BENCHMARKS: dict[str, Benchmark] = {}
 
 
-def benchmark(name: str, *, peer: str, asked: float | None, unit: Literal["x", "s", "GB"] = "x", on_request: bool = False):
+def benchmark(
+    name: str, *, what: str, peer: str, asked: float | None, unit: Literal["x", "s", "GB"] = "x", on_request: bool = False
+):
     """Puts a function that measures into the list."""
 
     def register(measure: Callable[[], Measured]) -> Callable[[], Measured]:
         if name in BENCHMARKS:
             raise ValueError(f"two benchmarks are called {name}")
-        BENCHMARKS[name] = Benchmark(name, peer, asked, unit, measure, on_request)
+        BENCHMARKS[name] = Benchmark(name, what, peer, asked, unit, measure, on_request)
         return measure
 
     return register

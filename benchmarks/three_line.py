@@ -210,10 +210,11 @@ def against_ceres(times: int) -> Measured:
 
 
 for _name, _times, _asked in (("14k", 1, 0.75), ("16x", 16, 0.6)):
-    benchmark(f"three_line.{_name}", peer="Ceres", asked=_asked)(partial(against_ceres, _times))
+    _what = f"block of {_times * TIES:,} tie points, an iteration"
+    benchmark(f"three_line.{_name}", what=_what, peer="Ceres", asked=_asked)(partial(against_ceres, _times))
 
 
-@benchmark("three_line.16x.memory", peer="Ceres", asked=1.5)
+@benchmark("three_line.16x.memory", what="block of 226,512 tie points: resident memory", peer="Ceres", asked=1.5)
 def memory() -> Measured:
     theirs, ours, whole = ceres(16 * TIES), alone(16 * TIES, "solve"), alone(16 * TIES, "adjust", "1")
     note = (
@@ -223,7 +224,12 @@ def memory() -> Measured:
     return Measured(ours["peak_gb"] / theirs.peak_gb, note=note.format(theirs=theirs.peak_gb, whole=whole["peak_gb"], **ours))
 
 
-@benchmark("three_line.scipy", peer="scipy trf, LSMR", asked=0.2)
+@benchmark(
+    "three_line.scipy",
+    what="block of 14,157 tie points, an iteration, against scipy with a sparse Jacobian",
+    peer="scipy trf, LSMR",
+    asked=0.2,
+)
 def against_scipy() -> Measured:
     from .peers.scipy_block import ScipyBlock
 
@@ -232,7 +238,9 @@ def against_scipy() -> Measured:
     return Measured(ours_s / peer_s, ours_s=ours_s, peer_s=peer_s, note=f"{answer.iterations} iterations of scipy, their mean")
 
 
-@benchmark("three_line.growth", peer="-", asked=1.0)
+@benchmark(
+    "three_line.growth", what="block: time of one ray at 16 times as many tie points over that at 14,157", peer="-", asked=1.0
+)
 def growth() -> Measured:
     each = [(len(posed(k * TIES).block), seconds(k * TIES)) for k in (1, 4, 16)]
     (few, few_s), *_, (many, many_s) = each
@@ -241,14 +249,21 @@ def growth() -> Measured:
     return Measured((many_s / many) / (few_s / few), note=f"one ray's share at 16x over that at 14k; {told}: rays^{exponent:.2f}")
 
 
-@benchmark("three_line.compile", peer="-", asked=10.0, unit="s")
+@benchmark("three_line.compile", what="block: compiling the normal equations, nothing cached", peer="-", asked=10.0, unit="s")
 def compile_time() -> Measured:
     whole = alone(TIES, "adjust", "2")
     told = f"all of wj.adjust {whole['first_s'] - whole['adjust_s']:.1f} s, and {whole['adjust_s']:.1f} s a call"
     return Measured(alone(TIES, "solve")["compile_s"], note=f"CPU time, nothing cached, of the normal equations; {told}")
 
 
-@benchmark("million_ties", peer="-", asked=None, unit="s", on_request=True)
+@benchmark(
+    "million_ties",
+    what="block of 1,000,000 tie points: all of `adjust` with every covariance, CPU time",
+    peer="-",
+    asked=None,
+    unit="s",
+    on_request=True,
+)
 def million() -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "posed")

@@ -84,3 +84,4 @@ from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError
 from .rules import WhiskjaxError as WhiskjaxError
+from .rules.progress import telling as telling

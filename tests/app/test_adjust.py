@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
+from tests.app.said import progress
 from tests.files.folder import Folder
 from whiskjax.flights import songshan
 
@@ -76,7 +77,8 @@ def expected(strips):
 
 def test_a_sound_result_ends_in_zero_and_is_all_there(adjusted):
     result, out = adjusted
-    assert result.exit_code == 0 and result.stderr == ""
+    assert result.exit_code == 0
+    progress(result.stderr)
     assert names(out) == WRITTEN
     assert json_of(out)["verdict"]["is_sound"] and "This adjustment is sound:" in result.stdout.splitlines()
 
@@ -151,6 +153,10 @@ def test_not_converged_is_not_sound(whiskjax, strips, tmp_path):
         (("--profile", 500), 1, "1000, 2000, 5000"),
         (("--profile", 1000, "--terrain", "swampy"), 1, "flat, hilly, mountainous, alpine"),
         (("--profile", 1000), 1, "flat, hilly, mountainous, alpine"),
+        (("--profile", 1000, "--reweigh"), 1, "--reweigh --profile 1000 --terrain hilly"),
+        (("--profile", 1000), 1, "0.28, 0.4, 0.6, 1.2 m"),
+        (("--profile", ""), 1, "--profile ''"),
+        (("--profile", "1000.0"), 1, "give a map scale"),
         (("--profile", "nowhere.toml"), 1, "nowhere.toml"),
         (("--max-steps", 0), 2, "max-steps"),
     ],
@@ -158,6 +164,7 @@ def test_not_converged_is_not_sound(whiskjax, strips, tmp_path):
 def test_wrong_words(whiskjax, strips, tmp_path, words, code, part):
     result = whiskjax("adjust", strips, "--out", tmp_path / "out", *words)
     assert result.exit_code == code and part in result.stderr and not list(tmp_path.iterdir())
+    assert "None" not in result.stderr
 
 
 def refused(whiskjax, folder, *parts):
@@ -174,10 +181,20 @@ def lines_of(folder, point):
     return [line for line, row in enumerate(folder.rows("observations.csv"), 1) if row[1] == point]
 
 
-def test_a_tie_seen_once(whiskjax, copied):
+def test_a_tie_seen_once_is_left_out_and_listed(whiskjax, copied):
     _, *others = lines_of(copied, "T7")
     copied.keep_lines("observations.csv", lambda line: line not in others)
-    refused(whiskjax, copied, "point T7 is seen by one ray only", "leave it out")
+    out = copied.path.parent / "out"
+    result = whiskjax("adjust", copied.path, "--out", out)
+    found = json_of(out)
+    assert result.exit_code == 0 and found["seen_once"] == ["T7"] and found["left_out"] == []
+    assert found["counts"]["points_seen_once"] == 1 and found["counts"]["rays_left_out"] == 0
+    assert "warning: seen by one ray only, which determines no point, and left out: point T7" in result.stdout.splitlines()
+    assert any("1 check or tie point is seen by one ray only" in said for said in found["verdict"]["cautions"])
+    (ray,) = [row for row in read_csv(out / "residuals.csv") if row["point"] == "T7"]
+    (point,) = [row for row in read_csv(out / "adjusted_points.csv") if row["point"] == "T7"]
+    assert (ray["used"], ray["x_px"], point["x_m"], point["rays"]) == ("no", "", "", "0")
+    assert "T7" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_parallel_rays(whiskjax, copied):

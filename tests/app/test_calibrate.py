@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.app.said import progress
 from whiskjax.files.read import read_flight
 
 WRITTEN = {
@@ -63,7 +64,7 @@ def optimistic(flight, tmp_path):
 def test_a_sound_result_ends_in_zero_and_is_all_there(calibrated):
     result, out = calibrated
     assert result.exit_code == 0
-    assert result.stderr == ""  # no progress where nobody watches
+    progress(result.stderr)
     assert names(out) == WRITTEN
     assert names(out.parent) == {"haian"}
     assert json_of(out)["verdict"]["is_sound"]
@@ -149,6 +150,23 @@ def test_bad_input_ends_in_one_and_leaves_nothing(whiskjax, flight, tmp_path):
     assert names(tmp_path) == {"edited"}
 
 
+@pytest.mark.parametrize(
+    ("file", "column", "value"),
+    [
+        ("observations.csv", "sigma_line_px", "1e200"),
+        ("observations.csv", "sigma_sample_px", "1e-200"),
+        ("points.csv", "sigma_u_m", "1e200"),
+    ],
+)
+def test_a_sigma_of_no_size_ends_in_one(whiskjax, flight, tmp_path, file, column, value):
+    def spoil(rows):
+        rows[3][rows[0].index(column)] = value
+
+    result = whiskjax("calibrate", edited(flight, tmp_path, file, spoil), "--out", tmp_path / "out")
+    assert result.exit_code == 1 and result.stderr.startswith("whiskjax: error: ") and "sigma" in result.stderr
+    assert "Traceback" not in result.stderr and names(tmp_path) == {"edited"}
+
+
 def test_a_folder_that_is_no_flight(whiskjax, tmp_path):
     result = whiskjax("calibrate", tmp_path / "nowhere", "--out", tmp_path / "out")
     assert result.exit_code == 1 and "nowhere" in result.stderr
@@ -165,19 +183,19 @@ def test_refuses_to_write_over_a_file_or_a_flight(whiskjax, flight, tmp_path):
 
 
 @pytest.mark.parametrize("existed", [False, True])
-def test_a_failure_while_writing_leaves_everything_as_it_was(whiskjax, flight, tmp_path, monkeypatch, existed):
+def test_a_failure_while_writing_leaves_everything_as_it_was(whiskjax, calibrated, flight, tmp_path, monkeypatch, existed):
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("whiskjax.show.report.make_report", full)
     out = tmp_path / "parent" / "out"
     if existed:
-        out.mkdir(parents=True)
-        (out / "results.json").write_text("old")
+        shutil.copytree(calibrated[1], out)
+        (out / "notes.txt").write_text("mine")
     result = whiskjax("calibrate", flight, "--out", out)
     assert result.exit_code == 1 and "No space left" in result.stderr
     if existed:
-        assert names(out) == {"results.json"} and (out / "results.json").read_text() == "old"
+        assert names(out) == WRITTEN | {"notes.txt"} and json_of(out) == json_of(calibrated[1])
         assert names(out.parent) == {"out"}
     else:
         assert names(tmp_path) == set()

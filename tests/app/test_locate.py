@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.app.said import progress
 from tests.files.folder import Folder
 from whiskjax.flights import tianshan
 from whiskjax.flights.flight import Image, Measurements, Points, World
@@ -70,7 +71,8 @@ def agree(found, expected):
 
 def test_a_sound_result_ends_in_zero_and_is_all_there(located):
     result, out = located
-    assert result.exit_code == 0 and result.stderr == ""
+    assert result.exit_code == 0
+    progress(result.stderr)
     assert names(out) == WRITTEN
     assert json_of(out)["verdict"]["is_sound"] and "This location is sound:" in result.stdout.splitlines()
 
@@ -254,6 +256,19 @@ def test_an_inconsistent_result_is_written_and_ends_in_three(whiskjax, copied, t
     assert "not sound" in (out / "report.html").read_text(encoding="utf-8")
 
 
+def test_a_given_position_that_contradicts_ends_in_three(whiskjax, copied, located, tmp_path):
+    """The target is a check point: 0.02 deg of latitude are two kilometres."""
+    assert json_of(located[1])["verdict"]["is_sound"]
+    rows = copied.rows("points.csv")
+    k = rows[0].index("lat_deg")
+    rows[1][k] = repr(float(rows[1][k]) + 0.02)
+    copied.store("points.csv", rows)
+    result = whiskjax("locate", copied.path, "--out", tmp_path / "out", *ASKED)
+    found = json_of(tmp_path / "out")
+    assert result.exit_code == 3 and not found["verdict"]["is_sound"]
+    assert any("the given position lies" in reason for reason in found["verdict"]["reasons"])
+
+
 def test_one_look_gives_a_line_and_no_answer(whiskjax, copied, located, tmp_path):
     copied.keep_lines("observations.csv", lambda line: line == 2)
     out = shutil.copytree(located[1], tmp_path / "out")  # results of an earlier run, which must go
@@ -273,7 +288,13 @@ BAD = {
     "gate": ([*ASKED, "--gate", 2], ["gate is a probability between 0 and 1"]),
     "degrees": ([*ASKED[:4], "--sigma-enu", 0.015, 0.015, 1500], ["look like degrees"]),
     "negative sigma": ([*ASKED[:4], "--sigma-enu", 0, 10, 1500], ["positive definite"]),
-    "above the platform": ([*ASKED[:2], "--height", 20000], ["the first look gives no first guess", "misses the ground"]),
+    "gate that is no number": ([*ASKED, "--gate", "nan"], ["--gate nan"]),
+    "sigma below zero": ([*ASKED[:4], "--sigma-enu", -10, 10, 1500], ["--sigma-enu -10 10 1500", "positive"]),
+    "height that is no number": ([*ASKED[:2], "--height", "inf"], ["--height inf"]),
+    "above the platform": (
+        [*ASKED[:2], "--height", 20000],
+        ["the first look gives no first guess", "misses the ground", "20000 m, and --height"],
+    ),
     "no height": (["--target", "target"], ["--height is needed", "no control points", "--height 500"]),
 }
 

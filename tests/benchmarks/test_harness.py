@@ -13,7 +13,7 @@ from benchmarks.timing import Measured, race
 
 
 def of(asked):
-    return Benchmark("name", "peer", asked, "x", lambda: Measured(1.0))
+    return Benchmark("name", "what is measured", "peer", asked, "x", lambda: Measured(1.0))
 
 
 @pytest.mark.parametrize(

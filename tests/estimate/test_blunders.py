@@ -7,6 +7,9 @@ import pytest
 import scipy.stats
 
 import whiskjax as wj
+from tests.estimate.textbooks import MadeUp
+from whiskjax.estimate import blunders as search
+from whiskjax.estimate.blunders import Linear, descend
 from whiskjax.flights import haian
 
 TRUTH = np.concatenate(haian.TABLE_4)
@@ -139,3 +142,77 @@ def test_parameters_that_make_no_sense(given):
 def test_a_robust_loss_answers_the_same_question(flight):
     with pytest.raises(wj.WhiskjaxError, match="answer the same question twice"):
         wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, blunders=wj.Blunders(), loss=wj.Huber(2.0))
+
+
+def textbook_descent(it, u, bound):
+    """One start after the other, by numpy's least squares: the weight narrows from nine in ten residuals to the bound."""
+    kept = it.here.whitened[it.used] - it.here.rows[it.used] @ it.here.u, it.here.rows[it.used]
+    squared = lambda u: ((kept[0] + kept[1] @ u) ** 2).sum(axis=1)
+    c = max(bound, np.quantile(squared(u), 0.9))
+    left = 20
+    while True:
+        root = (c / (c + squared(u)))[:, None]
+        rows = np.concatenate([(root[:, :, None] * kept[1]).reshape(-1, it.k), np.diag(it.ready.prior)])
+        right = np.concatenate([(root * kept[0]).ravel(), np.zeros(it.k)])
+        last, u = u, np.linalg.lstsq(rows, -right, rcond=None)[0]
+        left -= c <= bound
+        if c <= bound and (np.abs(u - last).max() < 1e-4 or left == 0):
+            return u
+        c = max(bound, c / 2)
+
+
+@pytest.mark.parametrize("has_prior", [(True, True, True, False, False), (False,) * 5])
+def test_descents_side_by_side_are_those_of_one_after_the_other(has_prior):
+    it, rng, bound = MadeUp(3, n=70, has_prior=has_prior), np.random.default_rng(5), wj.Blunders().bound
+    wrong = rng.random(70) < 0.3
+    it.here = it.here._replace(whitened=it.here.whitened + 30 * wrong[:, None] * rng.normal(size=(70, 2)))
+    linear = Linear(it.here.whitened[it.used] - it.here.rows[it.used] @ it.here.u, it.here.rows[it.used], it.ready.prior)
+    starts = 3 * rng.normal(size=(12, it.k))
+    found = descend(linear, starts, bound)
+    for u, start in zip(found, starts, strict=True):
+        np.testing.assert_allclose(u, textbook_descent(it, start, bound), rtol=0, atol=1e-7)
+    share = rng.random((2, len(linear.residual)))
+    for u, part in zip(linear.settled(starts[:1], share), share, strict=True):
+        root = np.sqrt(part)[:, None]
+        rows = np.concatenate([(root[:, :, None] * linear.rows).reshape(-1, it.k), np.diag(it.ready.prior)])
+        right = np.concatenate([(root * linear.residual).ravel(), np.zeros(it.k)])
+        np.testing.assert_allclose(u, np.linalg.lstsq(rows, -right, rcond=None)[0], rtol=0, atol=1e-9)
+
+
+def test_an_unknown_that_nothing_holds_stays_where_it_is():
+    it = MadeUp(4, has_prior=(True, True, True, True, False))
+    linear = Linear(it.here.whitened, it.here.rows * [1, 1, 1, 1, 0], it.ready.prior)
+    start = np.ones((1, 5))
+    assert linear.settled(start, np.ones((1, len(it.used))))[0, 4] == 1.0
+
+
+@pytest.mark.parametrize("n", [200, 1300])
+def test_what_the_search_looks_at_does_not_grow(monkeypatch, n):
+    """As many descents, and no more than a thousand observations in each, however many there are."""
+    it, looked = MadeUp(6, n=n), []
+
+    def seen(linear, u, bound):
+        looked.append((len(u), len(linear.residual)))
+        return u
+
+    monkeypatch.setattr(search, "descend", seen)
+    monkeypatch.setattr(search, "linearise", lambda ready, u: u)
+    monkeypatch.setattr(search, "_follow", lambda ready, here, control, bound: here)
+    search._robust(it.ready, it.here, it.used, 13.8)
+    assert looked == [(61, min(n - 6, 1000))]
+
+
+def test_what_is_looked_at_is_enough_for_the_unknowns():
+    control, draw = np.arange(9000) % 9 > 0, np.random.default_rng(0)
+    for k, size in ((15, 1000), (300, 3000), (2000, 8000)):
+        chosen = search.sample(control, k, draw)
+        assert len(np.unique(chosen)) == len(chosen) == size and control[chosen].all()
+
+
+def test_the_search_is_not_silent(flight):
+    said = []
+    with wj.telling(said.append):
+        wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, blunders=wj.Blunders(), reweigh=wj.Reweigh())
+    assert said[0].startswith("calibrate: 15 unknowns from 130 control observations")
+    assert "blunders: 61 of 61 descents" in said and "weights: round 1" in said
+    assert any(one.startswith("blunders: round 1, ") for one in said)

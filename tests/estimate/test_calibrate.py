@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from whiskjax.estimate.adjustment import linearise, prepare, settle
 from whiskjax.estimate.least_squares import gauss_newton, levenberg_marquardt
 from whiskjax.estimate.problem import pose_problem, weigh
 from whiskjax.flights import haian
@@ -109,6 +110,25 @@ def test_gauss_newton_is_levenberg_marquardt(flight):
     safe = levenberg_marquardt(problem, jnp.asarray(start)).u
     fast = eqx.filter_jit(gauss_newton)(problem, jnp.asarray(start), 6)
     np.testing.assert_allclose(fast, safe, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [20, 21, 28, 39])
+def test_steps_are_those_that_moved_something(seed):
+    """Where the cost cannot judge a step any more the iteration ends: seeds whose last steps were rejected for rounding, some
+    twenty times, and the minimum all the same (no Gauss-Newton step leaves it)."""
+    flight = haian.simulate(seed)
+    found = wj.calibrate(flight.sensor, flight.observations(), flight.unknowns)
+    assert 3 <= found.steps <= 10
+    ready = prepare(flight.sensor, flight.observations(), flight.unknowns, None)
+    share = flight.observations().is_control.astype(float)
+    here = linearise(ready, found.value / SIGMA)
+    assert np.abs(settle(ready, here, share, steps=1).u - here.u).max() < 1e-8
+
+
+def test_steps_are_counted_up_to_the_most_that_may_be_tried(flight):
+    for most in (1, 2):
+        found = wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, max_steps=most, throw=False)
+        assert found.steps == most and found.result == wj.RESULTS.not_converged
 
 
 def test_check_points_take_no_part(flight, calibration):

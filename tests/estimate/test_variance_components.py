@@ -41,6 +41,11 @@ def minus_log_restricted_likelihood(theta, it, grouping, spread):
     return 0.5 * (volume + y @ p @ y) + 0.5 * np.sum((theta / math.log(spread)) ** 2)
 
 
+def gradient(f, x, step=1e-4):
+    """Central differences: forward ones, scipy's default, leave a flat minimum known to 3e-5 only."""
+    return np.array([f(x + e) - f(x - e) for e in step * np.eye(len(x))]) / (2 * step)
+
+
 def hessian(f, x, step=1e-3):
     """Central differences."""
     e = step * np.eye(len(x))
@@ -61,7 +66,7 @@ def test_factors_are_the_dense_maximum_and_their_sigmas_its_curvature(seed, spre
     def cost(theta):
         return minus_log_restricted_likelihood(theta, it, grouping, spread)
 
-    best = minimize(cost, np.zeros(6), method="BFGS", options={"gtol": 1e-9}).x
+    best = minimize(cost, np.zeros(6), method="BFGS", jac=lambda x: gradient(cost, x), options={"gtol": 1e-9}).x
     # A minimum known to its slope's rounding: a hundred thousandth of a factor.
     np.testing.assert_allclose(np.log(found.factor), best, atol=1e-5)
     np.testing.assert_allclose(found.log_sigma, np.sqrt(np.diag(np.linalg.inv(hessian(cost, best)))), rtol=1e-4)
@@ -115,7 +120,8 @@ def test_a_group_without_data_stays_and_is_as_uncertain_as_the_hyperprior():
 
 def test_images_with_control_points_have_groups(flight):
     observations, unknowns = flight.observations(), flight.unknowns
-    found = group(wj.Reweigh(), observations, unknowns)
+    assert group(wj.Reweigh(), observations, unknowns).names == ("L1 x", "L1 y", "R1 x", "R1 y")
+    found = group(wj.Reweigh(priors=True), observations, unknowns)
     priors = [f"prior of {place}" for place in ("gps_arm lever_arm_m", "platform angles_deg", "sensor lever_arm_m")]
     assert found.names == ("L1 x", "L1 y", "R1 x", "R1 y", *priors, "prior of sensor angles_deg")
     images = np.array(observations.images)
@@ -127,9 +133,10 @@ def test_images_with_control_points_have_groups(flight):
 @pytest.mark.parametrize(
     "rule, names",
     [
+        (wj.Reweigh(), ("L1 x", "L1 y", "R1 x", "R1 y")),
         (wj.Reweigh(priors={}), ("L1 x", "L1 y", "R1 x", "R1 y")),
-        (wj.Reweigh(axes=False, priors={}), ("L1", "R1")),
-        (wj.Reweigh(images=False, priors={}), ("all images x", "all images y")),
+        (wj.Reweigh(axes=False), ("L1", "R1")),
+        (wj.Reweigh(images=False), ("all images x", "all images y")),
         (wj.Reweigh(images=False, axes=False, priors={"arms": ["u_gps", "w_sen"]}), ("all images", "arms")),
     ],
 )
@@ -163,12 +170,18 @@ def test_a_spread_that_makes_no_sense(spread):
         wj.Reweigh(spread=spread)
 
 
+@pytest.mark.parametrize("priors", [None, "all", ["u_gps"]])
+def test_priors_that_are_no_groups(priors):
+    with pytest.raises(wj.WhiskjaxError, match="priors is True, False, or groups of unknowns by name"):
+        wj.Reweigh(priors=priors)
+
+
 @pytest.fixture(scope="module")
 def reweighed(flight):
-    """The flight with the sigmas of L1 x and R1 x three times too large, of the y three times too small: the calibration."""
+    """The flight with the sigmas of x three times too large in all images, of the y three times too small: the calibration."""
     observations = flight.observations()
     wrong = dataclasses.replace(observations, sigma_px=observations.sigma_px * [3.0, 1 / 3])
-    return wj.calibrate(flight.sensor, wrong, flight.unknowns, reweigh=wj.Reweigh())
+    return wj.calibrate(flight.sensor, wrong, flight.unknowns, reweigh=wj.Reweigh(priors=True))
 
 
 def test_image_sigmas_wrong_by_three_are_found(reweighed):
@@ -192,6 +205,10 @@ def test_a_reweighed_calibration_carries_the_new_sigmas(flight, reweighed):
     expected = given.sigma_px * [3.0, 1 / 3]
     expected[images == "L1"] *= found.factor[:2]
     expected[images == "R1"] *= found.factor[2:4]
+    # The other images have check points alone: the mean of the factors of their axis, by the precision of the logarithms.
+    weight = found.log_sigma[:4].reshape(2, 2) ** -2
+    mean = np.exp((weight * np.log(found.factor[:4].reshape(2, 2))).sum(axis=0) / weight.sum(axis=0))
+    expected[~np.isin(images, ["L1", "R1"])] *= mean
     np.testing.assert_allclose(reweighed.observations.sigma_px, expected, rtol=1e-12)
     sigma = [x.sigma * f for x, f in zip(flight.unknowns, np.repeat(found.factor[[4, 5, 5, 6, 7]], 3), strict=True)]
     np.testing.assert_allclose([x.sigma for x in reweighed.unknowns], sigma, rtol=1e-12)
@@ -210,8 +227,10 @@ def test_a_reweighed_calibration_is_the_one_with_the_new_sigmas(flight, reweighe
 
 
 def test_wrong_weights_end_where_right_ones_do(flight, reweighed):
-    """The factors are relative to what was given; what they make of it is not, but for the hyperprior."""
-    right = wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, reweigh=wj.Reweigh())
+    """The factors are relative to what was given; what they make of it is not, but for the hyperprior. Check points agree, though
+    their sigmas were given as wrong as the others'."""
+    right = wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, reweigh=wj.Reweigh(priors=True))
+    assert reweighed.is_sound and reweighed.fit.check.chi_square == pytest.approx(right.fit.check.chi_square, rel=0.01)
     control = flight.observations().is_control
     np.testing.assert_allclose(reweighed.observations.sigma_px[control], right.observations.sigma_px[control], rtol=0.005)
     assert np.abs((reweighed.value - right.value) / right.posterior.sigma).max() < 0.02

@@ -1,5 +1,8 @@
 """Every form in which positions, attitudes and pixels may be written, against scipy and pyproj."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pyproj
 import pytest
@@ -10,7 +13,8 @@ from scipy.spatial.transform import Rotation
 import whiskjax as wj
 from whiskjax.chain.samples import matrices_from_quaternions, quaternions_from_matrices
 from whiskjax.files.navigation import Samples, navigation_columns, sample_texts, samples
-from whiskjax.files.tables import Sheet
+from whiskjax.files.sheet import open_sheet
+from whiskjax.files.tables import table_text
 
 TO_ECEF = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
 ENU_FROM_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
@@ -19,9 +23,10 @@ angle = st.floats(-180, 180)
 
 def parsed(columns, world, angles):
     """What the columns of a table mean: positions, rotations, velocities."""
-    rows = [list(row) for row in zip(*columns.values(), strict=True)]
-    sheet = Sheet("pos.csv", tuple(columns), rows, list(range(2, len(rows) + 2)))
-    found = samples(sheet.parse(navigation_columns(sheet, world, angles)), world, angles)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "pos.csv").write_text(table_text(columns))
+        sheet = open_sheet(Path(folder), "pos.csv", "the test")
+        found = samples(sheet.parse(navigation_columns(sheet, world, angles)), world, angles)
     return found.position_m, matrices_from_quaternions(found.quaternion), found.velocity_mps
 
 

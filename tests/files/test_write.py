@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import whiskjax as wj
 from tests.files import made_up
 from whiskjax.chain.link import Given
-from whiskjax.files import write
+from whiskjax.files import whole_folder, write
 from whiskjax.files.tables import exact, rounded
 from whiskjax.files.toml_text import toml_text
 from whiskjax.files.units import degrees
@@ -104,8 +104,7 @@ def test_nothing_is_left_of_a_failure(frames, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space"):
         wj.write_flight(frames, folder, overwrite=True)
     monkeypatch.undo()
-    rename = write.Path.rename
-    monkeypatch.setattr(write.Path, "rename", lambda self, to: no_space() if "writing" in self.name else rename(self, to))
+    monkeypatch.setattr(whole_folder, "exchange", no_space)
     with pytest.raises(OSError, match="no space"):
         wj.write_flight(frames, folder, overwrite=True)
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == before

@@ -12,6 +12,8 @@ import whiskjax as wj
 from tests.oracles import ecef_from_ned, geodetic
 from tests.show.block_made_up import CASES, LIMITS, SIGMA_M, made, strips
 from tests.show.test_report import Page
+from whiskjax.estimate.variance_components import Components
+from whiskjax.estimate.verdict import CheckTest
 from whiskjax.flights.songshan_draw import start_s
 from whiskjax.show.block.charts import draw_charts
 from whiskjax.show.block.page import make_report
@@ -102,6 +104,17 @@ def test_direct_positioning_before_and_after():
     assert [row["what"] for row in rows] == ["direct, before"] * 3 + ["direct, after"] * 3
     for before, after in zip(rows[:3], rows[3:], strict=True):
         assert after["rmse_m"] == pytest.approx(before["rmse_m"] / 100, rel=1e-12)
+
+
+def test_check_points_and_weights_that_contradict_are_reasons():
+    check = CheckTest(4e6, 42, 0.0, ("point P40",), (640.0,))
+    parts = Components(("tie rays",), np.array([False]), np.array([400]), np.array([0.1]), np.array([0.05]))
+    adjusted = made("sound")
+    odd = dataclasses.replace(adjusted, adjustment=dataclasses.replace(adjusted.adjustment, check=check, components=parts))
+    found = summarise(odd)
+    assert not found["verdict"]["is_sound"] and found["check"]["worst"] == [{"name": "point P40", "sigmas": 640.0}]
+    assert any("contradict the answer" in r and "point P40" in r for r in found["verdict"]["reasons"])
+    assert any("the sigma of tie rays would have to be 0.1 times" in r for r in found["verdict"]["reasons"])
 
 
 def test_verdicts():

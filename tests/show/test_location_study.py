@@ -70,8 +70,8 @@ def test_verdict_counts_bands(summary, bad, measured):
     assert not verdict["is_inside"] and verdict["word"] == "not in every band"
     assert (verdict["bands"], verdict["bands_inside"]) == (bands, bands - len(OUTSIDE))
     assert verdict["outside"] == [
-        "Table 2, straight flight, 78 deg: mean error: 99.0 m, asked 51 to 67",
-        "estimators, iterated, full R: NEES of 3 states: 2.5e+07, asked 2.65 to 3.45",
+        "Table 2, straight flight, 78 deg: mean error: 99.0 m, band 51 to 67",
+        "estimators, iterated, full R: NEES of 3 states: 2.5e+07, band 2.65 to 3.45",
     ]
     for f in bad["figures"]:
         assert f["is_inside"] == (None if f["low"] is None and f["high"] is None else f["what"] not in OUTSIDE)

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from whiskjax.estimate.unknown import Unknown
+from whiskjax.estimate.variance_components import Components
+from whiskjax.estimate.verdict import CheckTest
 from whiskjax.files.schema import UnknownTable
 from whiskjax.files.unknowns import unknowns_from_toml
 from whiskjax.rules import RESULTS
 from whiskjax.show.plain import probability
 from whiskjax.show.residuals import gather
 from whiskjax.show.summary import summarise
+from whiskjax.show.tables import weights
 
 
 def test_is_plain_data(summary):
@@ -94,6 +97,26 @@ def test_an_inconsistent_fit_is_not_sound(calibration, flight):
     verdict = summarise(dataclasses.replace(calibration, fit=fit), flight)["verdict"]
     assert not verdict["is_sound"]
     assert "3.00 times" in verdict["reasons"][-1] and "more than chance explains" in verdict["reasons"][-1]
+
+
+def test_check_points_that_contradict_are_not_sound(calibration, flight):
+    summary = summarise(calibration, flight)
+    assert summary["check"]["agrees"] and summary["check"]["degrees_of_freedom"] == 202
+    check = CheckTest(900.0, 202, 1e-90, ("observation 7, image R3, point R3-01",), (9.0,))
+    odd = dataclasses.replace(calibration, fit=calibration.fit._replace(check=check))
+    found = summarise(odd, flight)
+    assert not found["verdict"]["is_sound"] and not found["check"]["agrees"]
+    assert found["check"]["worst"] == [{"name": "observation 7, image R3, point R3-01", "sigmas": 9.0}]
+    (said,) = [reason for reason in found["verdict"]["reasons"] if "contradict the answer" in reason]
+    assert "2.11 times" in said and "R3-01" in said
+
+
+def test_a_weight_beyond_reason_is_not_sound(calibration, flight):
+    parts = Components(("L1 x", "L1 y"), np.zeros(2, bool), np.full(2, 65), np.array([1.1, 70.0]), np.array([0.09, 0.09]))
+    found = summarise(dataclasses.replace(calibration, components=parts), flight)
+    assert not found["verdict"]["is_sound"] and [row["is_plausible"] for row in found["weights"]] == [True, False]
+    assert any("the sigma of L1 y would have to be 70 times" in reason for reason in found["verdict"]["reasons"])
+    assert [row[2].alarm for row in weights(found).rows] == [False, True]
 
 
 def test_sigmas_that_are_too_large_are_said_to_be(calibration, flight):

@@ -68,8 +68,8 @@ def test_verdict_counts_bands(summary, bad, measured):
     assert (good["is_inside"], good["bands"], good["bands_inside"], good["outside"]) == (True, bands, bands, [])
     assert (verdict["is_inside"], verdict["bands_inside"]) == (False, bands - len(OUTSIDE) - 1)
     assert verdict["outside"] == [
-        "Table 1, adjusted, Z: RMSE 0.500 m, asked ≤ 0.14",
-        "wrong ties, wrong tie points found: 12.50 %, asked ≥ 85",
+        "Table 1, adjusted, Z: RMSE 0.500 m, band ≤ 0.14",
+        "wrong ties, wrong tie points found: 12.50 %, band ≥ 85",
     ]
 
 

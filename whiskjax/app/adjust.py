@@ -1,15 +1,16 @@
 """`whiskjax adjust`: strips of images adjusted together from control and tie points, and how far to trust the result."""
 
 import dataclasses
-import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..rules import FlightError
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def adjust(
     profile: Annotated[
         str | None,
         typer.Option(
-            help="Hold the check points against GB/T 23236 at a map scale (1000, 2000 or 5000), or a TOML file of limits."
+            help="Hold the check points against GB/T 23236 at a map scale (1000, 2000 or 5000; with --terrain), or a TOML "
+            "file of limits."
         ),
     ] = None,
     terrain: Annotated[
@@ -60,8 +62,9 @@ def adjust(
     Estimates the flight's unknowns, the course of its POS errors and every point. Prints tables and a verdict; writes
     results.json, report.html, CSV tables, PNG figures and, of a sound result, the flight with its adjusted sensor.
     """
-    refuse_place(out, flight)
-    standard = _standard(profile, terrain)
+    refuse_place(out, _OURS, flight)
+    command = lambda terrain: _command(flight, out, blunders, reweigh, direct, profile, terrain, max_steps)
+    standard = _standard(profile, terrain, command)
     start_jax()
     from .stages import Stages
 
@@ -93,16 +96,22 @@ def adjust(
         from ..show.block.charts import draw_charts
         from ..show.block.summary import summarise
 
-        summary = summarise(adjusted, _command(flight, out, blunders, reweigh, direct, profile, terrain, max_steps))
+        summary = summarise(adjusted, command(terrain))
         drawings = draw_charts(adjusted)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, adjusted, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if adjustment.is_sound else NOT_SOUND)
 
 
-def _standard(profile: str | None, terrain: str | None) -> "Standard | None":
-    """What the check points are to meet."""
+def _standard(profile: str | None, terrain: str | None, command: Callable[[str | None], str]) -> "Standard | None":
+    """What the check points are to meet.
+
+    A map scale has limits by terrain, and no terrain is assumed: which it is follows from the slopes of a whole sheet, which the
+    points of a block do not tell, and with a wrong one a map would pass whose heights are four times too far off.
+
+    **Arguments:** `command`: the command with some terrain, for the message.
+    """
     if profile is None:
         if terrain is not None:
             raise typer.BadParameter("the limits of a terrain need a map scale: --profile 1000", param_hint="--terrain")
@@ -113,13 +122,22 @@ def _standard(profile: str | None, terrain: str | None) -> "Standard | None":
     if not profile.isdecimal():
         if terrain is not None:
             raise typer.BadParameter("a file has its own limits, without a terrain", param_hint="--terrain")
+        if not Path(profile).is_file():
+            raise FlightError(f"--profile {profile!r}: no such file; give a map scale, as 1000, or a TOML file of limits")
         return read_standard(Path(profile))
-    scales, terrains = (list(dict.fromkeys(key[k] for key in PROFILE.limits)) for k in (0, 1))
+    scales, terrains = (list(dict.fromkeys(of)) for of in zip(*PROFILE.limits, strict=True))
     if int(profile) not in scales:
         known = ", ".join(map(str, scales))
         raise FlightError(f"--profile {profile}: {PROFILE.name}, has 1 to {known}; give one of them, or a TOML file of limits")
+    known = ", ".join(map(str, terrains))
+    if terrain is None:
+        heights = ", ".join(f"{PROFILE.limits[int(profile), ground].height_m:g}" for ground in terrains)
+        raise FlightError(
+            f"--profile {profile} needs --terrain, on which its limits depend: {known} (largest RMSE in height: {heights} m); "
+            f"for {terrains[1]} ground: {command(terrains[1])}"
+        )
     if terrain not in terrains:
-        raise FlightError(f"--terrain: one of {', '.join(map(str, terrains))} is expected, not {terrain!r}")
+        raise FlightError(f"--terrain: one of {known} is expected, not {terrain!r}")
     limit = PROFILE.limits[int(profile), terrain]
     return Standard(f"{PROFILE.name}, 1:{profile}, {terrain}", limit.planimetry_m, limit.height_m)
 
@@ -139,7 +157,7 @@ def _command(
     for option, value in (("--profile", profile), ("--terrain", terrain)):
         words += [option, value] if value is not None else []
     words += ["--max-steps", str(max_steps)] if max_steps != _STEPS else []
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, adjusted: "Adjusted", summary: "Summary", drawings: "list[Drawing]") -> None:

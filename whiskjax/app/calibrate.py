@@ -1,15 +1,15 @@
 """`whiskjax calibrate`: estimate a flight's unknowns from its control points, and show how far to trust them."""
 
 import dataclasses
-import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def calibrate(
     loss: Annotated[Loss, typer.Option(help="Robust loss against blunders.")] = Loss.none,
     bound: Annotated[float | None, typer.Option(help=f"Where the robust loss sets in, in sigmas [default: {_BOUND}].")] = None,
     blunders: Annotated[bool, typer.Option("--blunders", help="Find gross errors, leave them out and name them.")] = False,
-    reweigh: Annotated[bool, typer.Option("--reweigh", help="Find the sigmas of images and priors from the data.")] = False,
+    reweigh: Annotated[bool, typer.Option("--reweigh", help="Find the sigmas of images from the data.")] = False,
     max_steps: Annotated[int, typer.Option(min=1, help="Steps after which the iteration is given up.")] = 100,
 ) -> None:
     """Estimate a flight's unknowns from its control points.
@@ -65,7 +65,7 @@ def calibrate(
         raise typer.BadParameter(
             "a robust loss and --blunders or --reweigh answer the same question; use one", param_hint="--loss"
         )
-    refuse_place(out, flight)
+    refuse_place(out, _OURS, flight)
     start_jax()
     from .stages import Stages
 
@@ -97,7 +97,7 @@ def calibrate(
         stages.enter("draw and write")
         summary = summarise(calibration, found, _command(flight, out, loss, bound, blunders, reweigh, max_steps))
         drawings = draw_all(summary, gather(calibration, found))
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, calibration, found, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if calibration.is_sound else NOT_SOUND)
@@ -109,7 +109,7 @@ def _command(flight: Path, out: Path, loss: Loss, bound: float | None, blunders:
     words += ["--bound", f"{bound:g}"] if bound is not None else []
     words += ["--blunders"] * blunders + ["--reweigh"] * reweigh
     words += ["--max-steps", str(max_steps)] if max_steps != 100 else []
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: "Summary", drawings: "list[Drawing]") -> None:

@@ -1,13 +1,13 @@
 """What goes wrong is one line on standard error and an exit code, never a traceback."""
 
 import functools
-import sys
 from collections.abc import Callable
 from typing import TypeVar
 
 import typer
 
 from ..rules import WhiskjaxError
+from .standard_error import write_line
 
 BAD_INPUT, NOT_SOUND = 1, 3
 
@@ -33,4 +33,4 @@ def answers_failures(verb: F) -> F:
 
 
 def _say(message: str) -> None:
-    print(f"whiskjax: error: {message}", file=sys.stderr)
+    write_line(f"whiskjax: error: {message}")

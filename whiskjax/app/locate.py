@@ -1,7 +1,7 @@
 """`whiskjax locate`: one target from all the looks at it, and how far to trust the answer."""
 
 import fnmatch
-import shlex
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..rules import FlightError
+from ..rules import FlightError, SensorError
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ _OURS = (
 _SIGMA_UP_M = 1500.0  # of the first guess (paper 003, equation 19) ...
 _SHARE_OF_HEIGHT = 1 / 3  # ... or of the platform's height above it, if that is less
 _LEAST_SLANT = 0.2
+_FAR_M = 1e9  # no target is so little known
 
 
 class Method(StrEnum):
@@ -84,7 +86,8 @@ def locate(
     Prints the position with its accuracy, the test of the looks, and a verdict. Writes results.json, report.html, looks.csv, PNG
     figures, and, of a flight in ECEF, target.geojson and target.kml.
     """
-    refuse_place(out, flight)
+    _refuse_numbers(height, sigma_enu, gate)
+    refuse_place(out, _OURS, flight)
     start_jax()
     from .stages import Stages
 
@@ -105,10 +108,21 @@ def locate(
 
         summary = summarise(sighting, _command(flight, target, out, height, sigma_enu, method, gate, estimate, consider))
         drawings = draw_charts(sighting)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, sighting, summary, drawings)
     _print(summary, out)
-    raise typer.Exit(0 if sighting.location.is_sound else NOT_SOUND)
+    raise typer.Exit(0 if summary["verdict"]["is_sound"] else NOT_SOUND)
+
+
+def _refuse_numbers(height: float | None, sigma_enu: tuple[float, float, float] | None, gate: float | None) -> None:
+    """What the options cannot be, whatever the flight."""
+    if height is not None and not math.isfinite(height):
+        raise FlightError(f"--height {height:g}: a number of metres is expected")
+    if sigma_enu is not None and not all(0 < sigma < _FAR_M for sigma in sigma_enu):
+        given = " ".join(f"{sigma:g}" for sigma in sigma_enu)
+        raise FlightError(f"--sigma-enu {given}: three positive numbers of metres make a covariance that is positive definite")
+    if gate is not None and not 0 < gate < 1:
+        raise FlightError(f"--gate {gate:g}: the gate is a probability between 0 and 1, as 0.001")
 
 
 def _points(flight: "Flight", target: str) -> list[int]:
@@ -138,7 +152,8 @@ def _unknowns(flight: "Flight", patterns: list[str] | None, option: str) -> list
     names = [x.name for x in flight.unknowns]
     chosen: set[str] = set()
     for pattern in patterns or ():
-        fitting = names if pattern == "all" else fnmatch.filter(names, pattern)
+        # A name may look like a pattern: angles_deg[0].
+        fitting = [pattern] if pattern in names else names if pattern == "all" else fnmatch.filter(names, pattern)
         if not fitting:
             known = f"flight.toml has {listed(names)}" if names else "flight.toml has no [[unknown]]"
             raise FlightError(f"{option}: no unknown {pattern!r}{meant(pattern, names)}; {known}")
@@ -170,7 +185,10 @@ def _locate(
         height = _control_height(flight, points)
         remarks.append(f"the first look was cut at the mean height of the control points, {height:.1f} m (--height sets another)")
     surface = _surface(flight, height)
-    guess, said = _guess(flight, looks, surface, sigma_enu)
+    try:
+        guess, said = _guess(flight, looks, surface, sigma_enu)
+    except SensorError as error:
+        raise SensorError(f"{error}; it was cut at a height of {height:g} m, and --height sets another") from error
     remarks += said
     location = solve(
         flight.sensor,
@@ -277,7 +295,7 @@ def _command(
     for option, names in (("--estimate", estimate), ("--consider", consider)):
         for name in names or ():
             words += [option, name]
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, sighting: "Sighting", summary: "Summary", drawings: "list[Drawing]") -> None:

@@ -1,98 +1,63 @@
-"""An output folder that is written whole or not at all."""
+"""The folder of a run's results: checked before the work, replaced whole, and only where it is ours."""
 
 import contextlib
-import json
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..rules import FlightError
+from ..files.whole_folder import check_before, whole_folder
+from ..rules.errors import FlightError
+from .ours import RESULTS, of_others, results_text, sign
 
 if TYPE_CHECKING:
     from ..show.plain import Summary
     from ..show.style import Drawing
 
 
-def refuse_place(out: Path, flight: Path | None = None) -> None:
+def refuse_place(out: Path, ours: tuple[str, ...], flight: Path | None = None) -> None:
     """Refuse, before any work is done, a place where results cannot go.
 
-    **Raises:** `FlightError` where `out` is a file, holds a flight, or lies where this user may not write.
+    **Arguments:** `ours`: the names that the run may write; `flight`: the folder that it reads.
+
+    **Raises:** `FlightError` where no folder can be written there, where it is, holds or lies in a flight, and where it holds
+    something of somebody else's that a result would replace.
     """
-    if out.exists() and not out.is_dir():
-        raise FlightError(f"--out {out}: this is a file; give the name of a folder")
-    if (out / "flight.toml").exists() or (flight is not None and out.resolve() == flight.resolve()):
-        raise FlightError(f"--out {out}: this folder holds a flight; give another one for the results")
-    there = out.absolute()
-    while not there.exists():
-        there = there.parent
-    if not there.is_dir():
-        raise FlightError(f"--out {out}: {there} is a file; give the name of a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise FlightError(f"--out {out}: you may not write in {there}")
+    try:
+        if flight is not None and (read := Path(os.path.realpath(flight))) in Path(os.path.realpath(out)).parents:
+            raise FlightError(f"{out} lies in the flight {read}, which is only read; give another folder for the results")
+        check_before(out, lambda old: _kept(out, old, ours, flight))
+    except FlightError as error:
+        raise FlightError(f"--out {error}") from error
 
 
 @contextlib.contextmanager
-def whole_folder(out: Path, ours: tuple[str, ...]) -> Iterator[Path]:
-    """A temporary folder beside `out` whose contents take their place there when the block ends well.
+def result_folder(out: Path, ours: tuple[str, ...]) -> Iterator[Path]:
+    """A new folder that takes the place of `out` when the block ends well: results of an earlier run go, all else stays.
 
-    If the block fails, the temporary folder and the parents made for it go, and `out` is as it was. In a folder that exists,
-    results of an earlier run are replaced and all else is left alone.
+    If the block fails, `out` is as it was. results.json, which the block must write, gets the list of all files that it wrote.
 
-    **Arguments:** `ours`: the names that a run may write; old ones that the new run did not write are removed.
+    **Arguments:** as `refuse_place`.
     """
-    out = out.absolute()
-    made = _make_parents(out.parent)
-    try:
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.writing-", dir=out.parent))
-        try:
-            yield temporary
-            temporary.chmod(0o777 & ~_umask())
-            if out.exists():
-                for name in ours:
-                    _remove(out / name)
-                for path in sorted(temporary.iterdir()):
-                    _remove(out / path.name)
-                    path.rename(out / path.name)
-            else:
-                temporary.rename(out)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-    except BaseException:
-        for folder in reversed(made):
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
+    with whole_folder(out, lambda old: _kept(out, old, ours)) as folder:
+        yield folder
+        sign(folder)
 
 
 def write_report(folder: Path, summary: "Summary", drawings: "Sequence[Drawing]", page: str) -> None:
     """What every verb leaves behind: results.json with all figures of the summary, NAME.png of each drawing, report.html."""
-    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(results_text(summary), encoding="utf-8")
     for drawing in drawings:
         drawing.write(folder)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _make_parents(parent: Path) -> list[Path]:
-    """Make the folders that are missing; returns them, outermost first."""
-    missing = [folder for folder in (parent, *parent.parents) if not folder.exists()][::-1]
-    for folder in missing:
-        folder.mkdir(exist_ok=True)
-    return missing
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    """The umask, which can only be read by setting it; temporary folders are private, results are as other files."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+def _kept(out: Path, real: Path, ours: tuple[str, ...], flight: Path | None = None) -> list[str]:
+    """What goes along when results are replaced; **raises** where that would lose something."""
+    if (real / "flight.toml").exists():
+        raise FlightError(f"{out}: this folder holds a flight; give another one for the results")
+    kept = of_others(real, ours)
+    read = real if flight is None else Path(os.path.realpath(flight))
+    if real in read.parents and (name := read.relative_to(real).parts[0]) not in kept:
+        raise FlightError(f"{out} holds in {name} the flight that is read, which the results would replace; give another folder")
+    return kept

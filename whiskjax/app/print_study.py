@@ -41,7 +41,7 @@ def print_study(
         console.print(Text(sentence, style="bold red" if outside else "bold green"))
     for name in outside:
         console.print(Text(f"  - outside: {name}"))
-    console.print(f"Written to {out}: report.html, results.json, tables and figures", soft_wrap=True, markup=False)
+    console.print(Text(f"Written to {out}: report.html, results.json, tables and figures"), soft_wrap=True)
 
 
 def bands_sentence(verdict: dict) -> str:

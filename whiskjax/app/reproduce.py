@@ -1,13 +1,13 @@
 """`whiskjax reproduce`: a paper's tables and figures beside those of its simulation, over many seeds."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .print_study import bands_sentence, print_study
 from .reproduce_location import location
 from .reproduce_three_line import three_line
@@ -52,9 +52,9 @@ def whiskbroom(
     """The whiskbroom scanner with left and right swings (Jin et al. 2024): Tables 1 to 7 and Figures 3 to 7.
 
     Prints the tables with the paper's figures, the simulation's over the seeds, and the bands in which they should lie; then what
-    the paper leaves open, asked and reached. Ends in 0 only when every figure that has a band or a bound is inside.
+    the paper leaves open, each figure beside its band. Ends in 0 only when every figure that has a band or a bound is inside.
     """
-    refuse_place(out)
+    refuse_place(out, _OURS)
     start_jax()
     from ..flights.haian_answers import QUESTIONS
     from .stages import Stages
@@ -73,7 +73,7 @@ def whiskbroom(
         stages.enter(_DRAW)
         summary = summarise(found, answers, _command(out, seeds, first_seed, open_questions))
         drawings = [*draw_charts(found), *(draw_answers(answers) if answers else ())]
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, found, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if summary["verdict"]["is_inside"] else NOT_SOUND)
@@ -87,7 +87,7 @@ def _command(out: Path, seeds: int, first_seed: int, open_questions: bool) -> st
     words = ["whiskjax", "reproduce", "whiskbroom", "--out", str(out)]
     words += ["--seeds", str(seeds), "--first-seed", str(first_seed)]
     words += [] if open_questions else ["--no-open-questions"]
-    return shlex.join(words)
+    return command_text(words)
 
 
 def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Drawing]") -> None:
@@ -110,5 +110,7 @@ def _print(summary: "Summary", out: Path) -> None:
     tables, sentences = [*in_order(summary), bands(summary)], [bands_sentence(verdict)]
     if questions:
         tables.append(answers_table(questions))
-        sentences.append(f"{verdict['open_met']} of {verdict['open_asked']} figures asked of the open questions are met.")
+        sentences.append(
+            f"{verdict['open_met']} of {verdict['open_asked']} figures with a band are inside it among the open questions."
+        )
     print_study(tables, findings(summary), sentences, (*verdict["outside"], *verdict["open_missed"]), out)

@@ -1,13 +1,13 @@
 """`whiskjax reproduce location`: paper 003 beside its simulation."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .print_study import bands_sentence, print_study
 from .start import start_jax
 
@@ -33,7 +33,7 @@ def location(
     Prints the paper's figures, the simulation's and the bands in which they should lie, and the table of estimators with the
     Cramer-Rao bound. Ends in 0 only when every figure that has a band is inside.
     """
-    refuse_place(out)
+    refuse_place(out, _OURS)
     start_jax()
     from ..flights.tianshan_paper import SECTIONS
     from .stages import Stages
@@ -49,9 +49,9 @@ def location(
         found = measure(sizes, seed, stages.enter)
         stages.enter(_DRAW)
         words = ["whiskjax", "reproduce", "location", "--out", str(out), "--runs", str(runs), "--seed", str(seed)]
-        summary = summarise(found, sizes, seed, shlex.join(words))
+        summary = summarise(found, sizes, seed, command_text(words))
         drawings = draw_charts(found)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if summary["verdict"]["is_inside"] else NOT_SOUND)

@@ -1,13 +1,13 @@
 """`whiskjax reproduce three-line`: paper 001 beside its simulation."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .command import command_text
 from .failure import NOT_SOUND, answers_failures
-from .output import refuse_place, whole_folder, write_report
+from .output import refuse_place, result_folder, write_report
 from .print_study import bands_sentence, print_study
 from .start import start_jax
 
@@ -34,7 +34,7 @@ def three_line(
     Prints the paper's figures, those of two simulated flights (nominal and paper-like) and the bands in which they should lie.
     Ends in 0 only when every figure that has a band is inside.
     """
-    refuse_place(out)
+    refuse_place(out, _OURS)
     start_jax()
     from ..flights.songshan_paper import SECTIONS
     from .stages import Stages
@@ -50,9 +50,9 @@ def three_line(
         stages.enter(_DRAW)
         words = ["whiskjax", "reproduce", "three-line", "--out", str(out), "--seed", str(seed), "--seeds", str(seeds)]
         words += [] if ties is None else ["--ties", str(ties)]
-        summary = summarise(found, sizes, seed, shlex.join(words))
+        summary = summarise(found, sizes, seed, command_text(words))
         drawings = draw_charts(found)
-        with whole_folder(out, _OURS) as folder:
+        with result_folder(out, _OURS) as folder:
             _write(folder, summary, drawings)
     _print(summary, out)
     raise typer.Exit(0 if summary["verdict"]["is_inside"] else NOT_SOUND)

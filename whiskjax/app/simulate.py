@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from ..rules import FlightError
 from .failure import answers_failures
 from .start import start_jax
 
@@ -25,7 +26,7 @@ def haian(
     seed: Annotated[int, typer.Option(min=0, help="Of everything random: the same seed is the same flight.")],
     out: Annotated[Path, typer.Option(help="The folder to write.")],
     noise: Annotated[bool, typer.Option(help="Errors of POS, points and image measurements.")] = True,
-    drift: Annotated[bool, typer.Option(help="IMU boresight of the last pair of images has drifted.")] = True,
+    drift: Annotated[bool, typer.Option(help="IMU boresight of the last pair of images has drifted.")] = False,
     order: Annotated[Order, typer.Option(help="Order of the scan and the pitch turn.")] = Order.scan_pitch,
     force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
 ) -> None:
@@ -33,14 +34,18 @@ def haian(
 
     The folder also gets truth.csv, the parameters that a calibration should find; nothing reads it.
     """
+    _refuse_place(out, force)
     start_jax()
-    from ..files.write import write_flight
+    from ..files.write import flight_folder, write_files
     from ..flights import haian as simulated
     from ..show.sheets import write_truth
+    from .stages import Stages
 
-    flight = simulated.simulate(seed, noise=noise, drift=drift, scan_first=order is Order.scan_pitch)
-    write_flight(flight, out, overwrite=force)
-    write_truth(out / "truth.csv", simulated.unknowns(mean=simulated.TABLE_4))
+    with Stages("simulate"):
+        flight = simulated.simulate(seed, noise=noise, drift=drift, scan_first=order is Order.scan_pitch)
+        with flight_folder(out, overwrite=force) as folder:
+            write_files(flight, folder)
+            write_truth(folder / "truth.csv", simulated.unknowns(mean=simulated.TABLE_4))
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(
         f"{flight.name}: {len(flight.images)} images, {len(flight.points.names)} points, {len(flight.measurements)} "
@@ -69,13 +74,16 @@ def tianshan(
 
     The target is the check point "target", at its true position.
     """
+    _refuse_place(out, force)
     start_jax()
     from ..files.write import write_flight
     from ..flights.tianshan import Scene
     from ..flights.tianshan import simulate as simulated
+    from .stages import Stages
 
-    flight = simulated(seed, Scene(path=path.value, looks=looks))
-    write_flight(flight, out, overwrite=force)
+    with Stages("simulate"):
+        flight = simulated(seed, Scene(path=path.value, looks=looks))
+        write_flight(flight, out, overwrite=force)
     typer.echo(f"{flight.name}: {len(flight.measurements)} looks at the point {flight.points.names[0]}, in {out}")
 
 
@@ -106,13 +114,26 @@ def songshan(
     force: Annotated[bool, typer.Option("--force", help="Replace a flight that is there already.")] = False,
 ) -> None:
     """The three-line camera: strips with control, check and tie points, and POS errors (Wang et al. 2018)."""
+    _refuse_place(out, force)
     start_jax()
     from ..files.write import write_flight
     from ..flights.songshan import Scene
     from ..flights.songshan import simulate as simulated
+    from .stages import Stages
 
-    flight = simulated(Scene(name=data.value, noise=noise.value, ties=ties), seed)
-    write_flight(flight, out, overwrite=force)
+    with Stages("simulate"):
+        flight = simulated(Scene(name=data.value, noise=noise.value, ties=ties), seed)
+        write_flight(flight, out, overwrite=force)
     roles = list(flight.points.roles)
     counts = ", ".join(f"{roles.count(role)} {role}" for role in ("control", "check", "tie"))
     typer.echo(f"{flight.name}: {len(flight.strips)} strips, {counts} points, {len(flight.measurements)} rays, in {out}")
+
+
+def _refuse_place(out: Path, force: bool) -> None:
+    """Before the simulation: where no flight can be written, or where one is that --force does not replace."""
+    from ..files.write import check_flight_place
+
+    try:
+        check_flight_place(out, overwrite=force)
+    except FlightError as error:
+        raise FlightError(f"--out {error}") from error

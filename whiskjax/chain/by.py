@@ -1,5 +1,6 @@
 """One link, or one camera, for each swing, view, strip or image."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ from ..rules import RESULTS, Arrays, WhiskjaxError, need
 from ..rules.results import choose
 from .camera import AbstractCamera
 from .chosen_camera import chosen_camera
-from .link import AbstractLink
+from .link import AbstractLink, Moves
 from .pose import Pose
 from .shot import KEYS, Shot
 
@@ -64,6 +65,17 @@ class By(AbstractLink):
         """The one option that acts where all shots share the key, else this link itself."""
         key = self._key_of(shot)
         return self.options[key].chosen(shot) if isinstance(key, int) else self
+
+    def moves(self, shot: Shot) -> Moves:
+        """As the option of all shots, or as any of them: the samples of all, and the fastest."""
+        key = self._key_of(shot)
+        chosen = self.options if not isinstance(key, int) else self.options[key : key + 1]
+        of_each = [option.moves(shot) for option in chosen]
+        return Moves(
+            tuple(record for moves in of_each for record in moves.recorded),
+            functools.reduce(jnp.maximum, [moves.turn_radps for moves in of_each]),
+            functools.reduce(jnp.maximum, [moves.speed_mps for moves in of_each]),
+        )
 
     def pose(self, shot: Shot) -> Pose:
         """The pose of the option of each shot."""

@@ -11,12 +11,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from ..algebra.vectors import Component, Vec2, Vec3
-from ..rules import RESULTS, Arrays, WhiskjaxError
+from ..algebra.implicit import implicit
+from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError
 from ..rules.results import choose, failure_if
 from .shot import Shot
+
+# Newton steps from the distorted to the undistorted coordinates.
+_NEWTON_STEPS = 6
 
 
 def parameter(value: Any) -> Any:
@@ -71,6 +75,10 @@ class AbstractCamera(eqx.Module):
         """Whether the pixel lies on the detector, where its size is known."""
 
     @abc.abstractmethod
+    def ends(self) -> tuple[Component, Component] | None:
+        """First and last sample of a detector line, where they are known."""
+
+    @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
         """For line cameras: a signed measure of how far a direction lies beside the line, monotone over half a turn.
 
@@ -83,6 +91,36 @@ _DISTORTION = (
     "k1, k2, k3, p1, p2. OpenCV's order is k1, k2, p1, p2, k3: its four numbers are [k1, k2, 0, p1, p2] here, and more than its "
     "five are another model"
 )
+
+
+def _distorted(coefficients: Float[Array, "*batch 5"], u: Component, v: Component) -> Vec2:
+    k1, k2, k3, p1, p2 = unstack(coefficients)
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
+        v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
+    )
+
+
+def _misses(place: Vec2, coefficients: Float[Array, "*batch 5"], target: Vec2) -> Vec2:
+    """What vanishes at the coordinates whose distortion is the target."""
+    return vsub(_distorted(coefficients, *place), target)
+
+
+def _towards(coefficients: Float[Array, "*batch 5"], u: Component, v: Component, target: Vec2) -> Vec2:
+    """One Newton step towards the coordinates whose distortion is the target."""
+    k1, k2, k3, p1, p2 = unstack(coefficients)
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    du, dv = _distorted(coefficients, u, v)
+    a = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
+    b = slope * u * v + 2 * p1 * u + 2 * p2 * v
+    d = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
+    w = 1 / (a * d - b * b)
+    eu, ev = target[0] - du, target[1] - dv
+    return u + (d * eu - b * ev) * w, v + (a * ev - b * eu) * w
 
 
 class FrameCamera(AbstractCamera):
@@ -108,10 +146,10 @@ class FrameCamera(AbstractCamera):
 
     def __init__(
         self,
-        focal_px: Float[ArrayLike, "..."],
-        principal_point_px: Float[ArrayLike, "*batch 2"],
-        distortion: Float[ArrayLike, "*batch 5"] | None = None,
-        size_px: Float[ArrayLike, "*batch 2"] | None = None,
+        focal_px: Float[Numbers, "..."],
+        principal_point_px: Float[Numbers, "*batch 2"],
+        distortion: Float[Numbers, "*batch 5"] | None = None,
+        size_px: Float[Numbers, "*batch 2"] | None = None,
         per_image: bool = False,
     ):
         """**Raises:** `WhiskjaxError` for other shapes than these, a focal length or size that is not positive."""
@@ -158,41 +196,18 @@ class FrameCamera(AbstractCamera):
         return failure_if(jnp.logical_not(known), RESULTS.unknown_key)
 
     def _distort(self, u: Component, v: Component) -> Vec2:
-        if self.distortion is None:
-            return u, v
-        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
-            v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
-        )
-
-    def _undistort_step(self, u: Component, v: Component, target: Vec2) -> Vec2:
-        """One Newton step towards the coordinates whose distortion is the target."""
-        assert self.distortion is not None
-        k1, k2, k3, p1, p2 = (self.distortion[..., i] for i in range(5))
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-        du, dv = self._distort(u, v)
-        a = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
-        b = slope * u * v + 2 * p1 * u + 2 * p2 * v
-        d = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
-        w = 1 / (a * d - b * b)
-        eu, ev = target[0] - du, target[1] - dv
-        return u + (d * eu - b * ev) * w, v + (a * ev - b * eu) * w
+        return (u, v) if self.distortion is None else _distorted(self.distortion, u, v)
 
     def _undistort(self, target: Vec2) -> Vec2:
+        """The coordinates whose distortion is the target; of one that is not met, whatever is finite."""
         if self.distortion is None:
             return target
-        fixed = jax.lax.stop_gradient((self, target))
-        u, v = fixed[1]
-        for _ in range(6):
-            u, v = fixed[0]._undistort_step(u, v, fixed[1])
-        u, v = jax.lax.stop_gradient((u, v))
-        # The iteration is differentiated by its last step alone: at the solution that is the implicit derivative.
-        return self._undistort_step(u, v, target)
+        coefficients, aim = jax.lax.stop_gradient((self.distortion, target))
+        u, v = aim
+        for _ in range(_NEWTON_STEPS):
+            u, v = _towards(coefficients, u, v, aim)
+        lost = ~jnp.isfinite(u + v)
+        return implicit(_misses, tuple(jnp.where(lost, 0.0, c) for c in (u, v)), self.distortion, target)
 
     def _principal(self) -> Vec2:
         return self.principal_point_px[..., 0], self.principal_point_px[..., 1]
@@ -258,6 +273,9 @@ class FrameCamera(AbstractCamera):
         wide, high = self.size_px[..., 0], self.size_px[..., 1]
         column, row = pixel
         return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
+
+    def ends(self) -> None:
+        """A frame camera has no line."""
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

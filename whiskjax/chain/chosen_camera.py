@@ -81,6 +81,12 @@ class ChosenCamera(AbstractCamera):
         """Whether the pixel lies on the chosen detector."""
         return self._choose(lambda camera: camera.sees(pixel), jnp.where)
 
+    def ends(self) -> tuple[Component, Component] | None:
+        """Those of the chosen detector, where all have some."""
+        if any(camera.ends() is None for camera in self.cameras):
+            return None
+        return self._components(lambda camera: camera.ends())
+
     def miss(self, q: Vec3) -> Component:
         """The chosen camera's miss."""
         return self._choose(lambda camera: camera.miss(q), jnp.where)

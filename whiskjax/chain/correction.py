@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
-from ..rules import RESULTS, Arrays, WhiskjaxError, is_traced, need
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.results import choose
 from .camera import parameter
 from .pose import Pose
@@ -61,7 +61,7 @@ class Drift(AbstractBasis):
     start_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     span_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
-    def __init__(self, start_s: Float[ArrayLike, ""], span_s: Float[ArrayLike, ""]):
+    def __init__(self, start_s: Float[Numbers, ""], span_s: Float[Numbers, ""]):
         """**Raises:** `WhiskjaxError` where one is no number of seconds, or the span is not positive."""
         arrays = Arrays("Drift")
         self.start_s = arrays.take("start_s", start_s, "", absolute=True, finite=True)
@@ -91,7 +91,7 @@ class AbstractUniform(AbstractBasis):
     spacing_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     nodes: tuple[int, ...] = eqx.field(static=True)
 
-    def __init__(self, start_s: Float[ArrayLike, "*segments"], spacing_s: Float[ArrayLike, ""], nodes: int | Sequence[int]):
+    def __init__(self, start_s: Float[Numbers, "*segments"], spacing_s: Float[Numbers, ""], nodes: int | Sequence[int]):
         """**Arguments:** seconds, and numbers of nodes; one start and one number of nodes for each segment.
 
         **Raises:** `WhiskjaxError` for fewer than four nodes, segments that overlap, and what is no such number.
@@ -223,8 +223,8 @@ class Correction(AbstractStations):
     def __init__(
         self,
         basis: AbstractBasis,
-        turn_rad: Float[ArrayLike, "k 3"] | None = None,
-        shift_m: Float[ArrayLike, "k 3"] | None = None,
+        turn_rad: Float[Numbers, "k 3"] | None = None,
+        shift_m: Float[Numbers, "k 3"] | None = None,
     ):
         """**Raises:** `WhiskjaxError` where there is not a row for each coefficient, or turns are in degrees."""
         need("Correction", "basis", basis, AbstractBasis, "Bias(), Spline(...) or another")

@@ -10,19 +10,23 @@ it leaves the camera.
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
+from ..algebra.implicit import implicit
 from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, total, unstack
 from ..earth.ellipsoid import height_and_up
+from ..earth.refraction import Refraction
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import RESULTS, Arrays, first_failure, need, raise_failures, require_x64
+from ..rules import RESULTS, Arrays, Numbers, first_failure, need, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
 from .sensor import Sensor
 from .shot import Shot
 
 # From the apparent ray to the ground: the height of the ground decides how the ray is bent, and the bent ray what the height is.
-# Each pass leaves a hundredth of the error at 78 deg off nadir, for the steepest ground that is seen there.
+# Each pass leaves a hundredth of the error at 78 deg off nadir, for the steepest ground that is seen there. All but the
+# last stand in a loop, which is not differentiated, and is compiled once.
 _PASSES = 4
 
 
@@ -81,14 +85,38 @@ def into_camera(sensor: Sensor, shot: Shot, point: Vec3) -> Vec3:
 def ground(sensor: Sensor, shot: Shot, pixel: Vec2, surface: AbstractSurface) -> tuple[Vec3, RESULTS]:
     """Where a pixel's line of sight meets a surface, as components."""
     origin, direction = sight(sensor, shot, pixel)
+    if sensor.refraction is None:
+        return surface.intersect(origin, direction)
+    given = sensor.refraction, surface, origin, direction
+    height, result = _height_met(*jax.lax.stop_gradient(given))
+    (height,) = implicit(_above_where_it_meets, (height,), *given)
+    chord, bent = sensor.refraction.true_direction(origin, direction, height)
+    point, met = surface.intersect(origin, chord)
+    return point, first_failure(result, bent, met)
+
+
+def _height_met(refraction: Refraction, surface: AbstractSurface, origin: Vec3, direction: Vec3) -> tuple[Component, RESULTS]:
+    """The ellipsoidal height at which a bent ray meets a surface: all passes but the last."""
+
+    def step(_, state):
+        height, result = state
+        chord, bent = refraction.true_direction(origin, direction, height)
+        point, met = surface.intersect(origin, chord)
+        return height_and_up(*point)[0], first_failure(result, bent, met)
+
     point, result = surface.intersect(origin, direction)
-    if sensor.refraction is not None:
-        for _ in range(_PASSES):
-            height, *_ = height_and_up(*point)
-            chord, bent = sensor.refraction.true_direction(origin, direction, height)
-            point, met = surface.intersect(origin, chord)
-            result = first_failure(result, bent, met)
-    return point, result
+    height, *_ = height_and_up(*point)
+    result = jax.tree.map(lambda code: jnp.broadcast_to(code, height.shape), result)
+    return jax.lax.fori_loop(1, _PASSES, step, (height, result))
+
+
+def _above_where_it_meets(
+    height: tuple[Component], refraction: Refraction, surface: AbstractSurface, origin: Vec3, direction: Vec3
+) -> tuple[Component]:
+    """What vanishes at the height at which a bent ray meets a surface."""
+    chord, _ = refraction.true_direction(origin, direction, height[0])
+    point, _ = surface.intersect(origin, chord)
+    return (height[0] - height_and_up(*point)[0],)
 
 
 def image(sensor: Sensor, shot: Shot, point: Vec3) -> Vec2:
@@ -118,13 +146,13 @@ def begin(door: str, sensor: Sensor, shot: Shot) -> Arrays:
     return arrays
 
 
-def take_pixel(arrays: Arrays, pixel_px: Float[ArrayLike, "... 2"]) -> Float[Array, "... 2"]:
+def take_pixel(arrays: Arrays, pixel_px: Float[Numbers, "... 2"]) -> Float[Array, "... 2"]:
     """The pixels of a door."""
     meaning = "sample and line offset, or column and row"
     return jnp.asarray(arrays.take("pixel_px", pixel_px, "... 2", meaning=meaning))
 
 
-def take_point(arrays: Arrays, point_m: Float[ArrayLike, "... 3"]) -> Float[Array, "... 3"]:
+def take_point(arrays: Arrays, point_m: Float[Numbers, "... 3"]) -> Float[Array, "... 3"]:
     """The ground points of a door, in float64 all the way."""
     return jnp.asarray(arrays.take("point_m", point_m, "... 3", absolute=True, meaning="x, y, z of the world frame"))
 
@@ -139,7 +167,7 @@ def _ray(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]) -> Ray:
     return Ray(finish(origin, result), finish(scale(1 / norm(direction), direction), result), result)
 
 
-def ray(sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], *, throw: bool = True) -> Ray:
+def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], *, throw: bool = True) -> Ray:
     """Line of sight of a pixel as it leaves the camera: refraction bends it only on its way, see `image_to_ground`.
 
     **Arguments:**
@@ -167,7 +195,7 @@ def _project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"]) -> Proj
     return Projection(finish(pixel, result), result)
 
 
-def project(sensor: Sensor, shot: Shot, point_m: Float[ArrayLike, "... 3"], *, throw: bool = True) -> Projection:
+def project(sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], *, throw: bool = True) -> Projection:
     """Pixel of a ground point at the shot's own time (the collinearity equations: paper 000, equation 9).
 
     For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
@@ -198,7 +226,7 @@ def _image_to_ground(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "... 2"]
 
 
 def image_to_ground(
-    sensor: Sensor, shot: Shot, pixel_px: Float[ArrayLike, "... 2"], surface: AbstractSurface, *, throw: bool = True
+    sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], surface: AbstractSurface, *, throw: bool = True
 ) -> GroundPoint:
     """Where on a surface a pixel looks, along the bent ray where the sensor has a refraction.
 

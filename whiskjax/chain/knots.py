@@ -3,12 +3,15 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import RESULTS, Arrays, WhiskjaxError, require_x64
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, require_x64
 from ..rules.results import choose
+from .samples import blocks
 
 _MOST_STEPS = 8
+# Buckets that every record may have, however few its samples; 4 for each sample where that is more.
+_MOST_BUCKETS = 1 << 22
 
 
 def take(values: Float[Array, " n"], i: Int[Array, "..."]) -> Float[Array, "..."]:
@@ -30,7 +33,7 @@ class Knots(eqx.Module):
     one: Float[Array, ""]  # a number that the compiler does not know
     steps: int = eqx.field(static=True)
 
-    def __init__(self, time_s: Float[ArrayLike, " n"], max_gap_s: float, what: str):
+    def __init__(self, time_s: Float[Numbers, " n"], max_gap_s: float, what: str):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds, at least two.
@@ -56,17 +59,25 @@ class Knots(eqx.Module):
             )
         span = t[-1] - t[0]
         # A little narrower than the closest samples: then a bucket holds at most one of them.
-        buckets = int(np.clip(np.ceil(1.01 * span / steps.min()), 1, 64 * len(t)))
-        edges = t[0] + np.arange(buckets + 1) * (span / buckets)
+        most = min(64 * len(t), max(4 * len(t), _MOST_BUCKETS))
+        buckets = int(np.clip(np.ceil(1.01 * span / steps.min()), 1, most))
+        width = span / buckets
         # A hair early and a hair late, so that rounding of the bucket number can only cost a step, never skip a sample.
-        hair = 1e-6 * span / buckets
-        before, after = (np.clip(np.searchsorted(t, e, side="right") - 1, 0, len(t) - 2) for e in (edges - hair, edges + hair))
+        hair = 1e-6 * width
+        last = lambda edge: np.clip(np.searchsorted(t, edge, side="right") - 1, 0, len(t) - 2)
+        before_bucket, most_inside = np.empty(buckets, dtype=np.int32), 0
+        for rows in blocks(buckets):
+            number = np.arange(rows.start, rows.stop)
+            before = last(t[0] + number * width - hair)
+            after = last(t[0] + (number + 1) * width + hair)
+            before_bucket[rows] = before
+            most_inside = max(most_inside, int((after - before).max()))
         self.time_s = jnp.asarray(t)
         self.is_gap = jnp.asarray(steps > max_gap_s)
-        self.before_bucket = jnp.asarray(before[:-1], dtype=jnp.int32)
+        self.before_bucket = jnp.asarray(before_bucket)
         self.buckets_per_s = jnp.asarray(buckets / span)
         self.one = jnp.asarray(1.0)
-        self.steps = int((after[1:] - before[:-1]).max())
+        self.steps = most_inside
 
     def _interval(self, t: Float[Array, "..."]) -> Int[Array, "..."]:
         """Index of the sample at or before each time, of the nearest interval outside the record."""
@@ -90,6 +101,11 @@ class Knots(eqx.Module):
         start = take(self.time_s, i)
         length = take(self.time_s, i + 1) - start
         return i, (t - start) / length, length
+
+    def next_after(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The first sample time later than each time; infinite where the record has ended."""
+        following = take(self.time_s, self._interval(t) + 1)
+        return jnp.where(t < self.time_s[0], self.time_s[0], jnp.where(following > t, following, jnp.inf))
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether each time can be interpolated: inside the record, and in no gap (the samples beside a gap are usable)."""

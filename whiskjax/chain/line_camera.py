@@ -3,15 +3,20 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale
-from ..rules import RESULTS, Arrays, WhiskjaxError, is_traced
+from ..algebra.implicit import implicit
+from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale, unstack
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import failure_if
 from .camera import AbstractCamera, common_batch, parameter
 from .shot import Shot
+
+# Newton steps from the place on the focal plane to the sample that lies there.
+_NEWTON_STEPS = 3
 
 
 def _sign(arrays: Arrays, name: str, value: Any) -> Any:
@@ -52,14 +57,14 @@ class LineCamera(AbstractCamera):
 
     def __init__(
         self,
-        focal_px: Float[ArrayLike, "..."],
-        principal_sample_px: Float[ArrayLike, "..."] = 0.0,
-        offset_px: Float[ArrayLike, "..."] = 0.0,
-        along_sign: Float[ArrayLike, "..."] = 1.0,
-        across_sign: Float[ArrayLike, "..."] = 1.0,
-        deformation_px: Float[ArrayLike, "*batch 2 4"] | None = None,
-        half_width_px: Float[ArrayLike, "..."] = 1.0,
-        samples_px: Float[ArrayLike, "*batch 2"] | None = None,
+        focal_px: Float[Numbers, "..."],
+        principal_sample_px: Float[Numbers, "..."] = 0.0,
+        offset_px: Float[Numbers, "..."] = 0.0,
+        along_sign: Float[Numbers, "..."] = 1.0,
+        across_sign: Float[Numbers, "..."] = 1.0,
+        deformation_px: Float[Numbers, "*batch 2 4"] | None = None,
+        half_width_px: Float[Numbers, "..."] = 1.0,
+        samples_px: Float[Numbers, "*batch 2"] | None = None,
         along: str = "x",
     ):
         """**Raises:** `WhiskjaxError` for other shapes than these, lengths that are not positive, signs that are none."""
@@ -105,20 +110,20 @@ class LineCamera(AbstractCamera):
         if self.deformation_px is None:
             return 0, 0
         u = s / self.half_width_px
-        along, across = (
-            self.deformation_px[..., i, 0]
-            + u * (self.deformation_px[..., i, 1] + u * (self.deformation_px[..., i, 2] + u * self.deformation_px[..., i, 3]))
-            for i in (0, 1)
-        )
-        return along, across
+        return _cubic(self.deformation_px[..., 0, :], u), _cubic(self.deformation_px[..., 1, :], u)
 
     def _sample(self, along: Component) -> Component:
-        """The centred sample whose deformed position is `along`; the deformation is small, each pass gains its slope."""
-        s = along
-        if self.deformation_px is not None:
-            for _ in range(4):
-                s = along - self._deformation(s)[0]
-        return s
+        """The centred sample whose deformed position is `along`; where there is none, whatever is finite."""
+        if self.deformation_px is None:
+            return along
+        given = self.deformation_px[..., 0, :], self.half_width_px, along
+        coefficients, half_width, aim = jax.lax.stop_gradient(given)
+        s = aim
+        for _ in range(_NEWTON_STEPS):
+            u = s / half_width
+            slope = 1 + (coefficients[..., 1] + u * (2 * coefficients[..., 2] + u * (3 * coefficients[..., 3]))) / half_width
+            s = s - (s + _cubic(coefficients, u) - aim) / jnp.where(slope == 0, 1.0, slope)
+        return implicit(_lies_beside, (jnp.where(jnp.isfinite(s), s, aim),), *given)[0]
 
     def pixel(self, q: Vec3) -> Vec2:
         """(sample, line offset) of a direction."""
@@ -149,6 +154,10 @@ class LineCamera(AbstractCamera):
             return True
         return (pixel[0] >= self.samples_px[..., 0] - 0.5) & (pixel[0] <= self.samples_px[..., 1] + 0.5)
 
+    def ends(self) -> tuple[Component, Component] | None:
+        """As given."""
+        return None if self.samples_px is None else (self.samples_px[..., 0], self.samples_px[..., 1])
+
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
         a, c = self._axes(q)
@@ -163,6 +172,19 @@ class LineCamera(AbstractCamera):
         # The line's plane contains (c, z) = (place, -f): sine and cosine of the angle around the line, up to one factor.
         sine, cosine = c * f + q[2] * place, c * place - q[2] * f
         return self.across_sign * sine / (norm((sine, cosine)) + cosine)
+
+
+def _cubic(coefficients: Float[Array, "*batch 4"], u: Component) -> Component:
+    c0, c1, c2, c3 = unstack(coefficients)
+    return c0 + u * (c1 + u * (c2 + u * c3))
+
+
+def _lies_beside(
+    sample: tuple[Component], coefficients: Float[Array, "*batch 4"], half_width_px: Component, along: Component
+) -> tuple[Component]:
+    """What vanishes at the centred sample whose deformed position is `along`."""
+    (s,) = sample
+    return (s + _cubic(coefficients, s / half_width_px) - along,)
 
 
 class LookTable(AbstractCamera):
@@ -251,6 +273,10 @@ class LookTable(AbstractCamera):
     def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
         """Between the first and the last look."""
         return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
+
+    def ends(self) -> tuple[Component, Component]:
+        """The first and the last look."""
+        return self.sample_px[0], self.sample_px[-1]
 
     def miss(self, q: Vec3) -> Component:
         """Tangent of half the angle between the direction and the plane of its segment."""

@@ -1,13 +1,35 @@
 """What every link is: a function from a shot to the pose outer_from_inner."""
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
+from jaxtyping import Array, Bool
 
-from ..algebra.vectors import Mat3
+from ..algebra.vectors import Component, Mat3
 from ..rules import RESULTS
+from .knots import Knots
 from .pose import Pose
 from .shot import Shot
+
+
+class Recorded(NamedTuple):
+    """Sample times between which a link moves evenly, and how much later than the shot's time they were read, seconds.
+
+    `leaps`: the intervals in which it went where no sample says how: a flyback from one sample to the next. None: nowhere.
+    """
+
+    knots: Knots
+    delay_s: Component
+    leaps: Bool[Array, " n-1"] | None = None
+
+
+class Moves(NamedTuple):
+    """What a search along time has to know of a link, or of a chain: it turns and moves no faster than this between samples."""
+
+    recorded: tuple[Recorded, ...] = ()
+    turn_radps: Component = 0
+    speed_mps: Component = 0
 
 
 class AbstractLink(eqx.Module):
@@ -25,6 +47,10 @@ class AbstractLink(eqx.Module):
     @abc.abstractmethod
     def check(self, shot: Shot) -> RESULTS:
         """Whether the link knows the pose of each shot."""
+
+    def moves(self, shot: Shot) -> "Moves":
+        """How the link moves in time; a link that does not, or nearly so, does not move at all."""
+        return Moves()
 
     def ready(self, shot: Shot) -> "Pose | AbstractLink":
         """What the pose is made of, for one pass over the shots: interpolation, sines and cosines are done, products are not.

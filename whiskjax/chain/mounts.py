@@ -4,10 +4,10 @@ import re
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import IDENTITY, ZERO, Mat3, scale, unstack
-from ..rules import RESULTS, Arrays, WhiskjaxError, need
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need
 from .camera import common_batch, parameter
 from .link import AbstractLink
 from .pose import Pose
@@ -30,8 +30,8 @@ class Mount(AbstractLink):
 
     def __init__(
         self,
-        lever_arm_m: Float[ArrayLike, "*batch 3"] | None = None,
-        angles_rad: Float[ArrayLike, "*batch 3"] | None = None,
+        lever_arm_m: Float[Numbers, "*batch 3"] | None = None,
+        angles_rad: Float[Numbers, "*batch 3"] | None = None,
         order: str = "xyz",
         lever_sign: int = 1,
     ):

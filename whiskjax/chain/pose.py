@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import (
     IDENTITY,
@@ -22,7 +22,7 @@ from ..algebra.vectors import (
     vadd,
     vsub,
 )
-from ..rules import Arrays, WhiskjaxError, is_traced
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced
 
 
 class Pose(eqx.Module):
@@ -41,7 +41,7 @@ class Pose(eqx.Module):
             _three("Pose", "rotation", row, "Pose.from_arrays(rotation, translation_m)")
 
     @classmethod
-    def from_arrays(cls, rotation: Float[ArrayLike, "... 3 3"], translation_m: Float[ArrayLike, "... 3"]) -> "Pose":
+    def from_arrays(cls, rotation: Float[Numbers, "... 3 3"], translation_m: Float[Numbers, "... 3"]) -> "Pose":
         """A pose from a rotation matrix (..., 3, 3) and a translation (..., 3) in metres.
 
         **Raises:** `WhiskjaxError` for other shapes, float32, or a matrix that is no rotation to within 1e-6.

@@ -8,10 +8,10 @@ coefficients, each with its own prior, and every estimator that knows priors kno
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component
-from ..rules import RESULTS, Arrays
+from ..rules import RESULTS, Arrays, Numbers
 from ..rules.results import choose
 from .correction import AbstractBasis
 from .knots import take
@@ -30,7 +30,7 @@ class Process(AbstractBasis):
     parameter: float = eqx.field(static=True)  # start_sigma of a random walk, correlation_s of the others
 
     @classmethod
-    def random_walk(cls, time_s: Float[ArrayLike, " nodes"], start_sigma: float = 0.0) -> "Process":
+    def random_walk(cls, time_s: Float[Numbers, " nodes"], start_sigma: float = 0.0) -> "Process":
         """Brownian motion: independent changes, variance growing with time.
 
         **Arguments:** `time_s`: increasing; `start_sigma`: sigma at the first node over the growth per square root of a second; 0
@@ -43,14 +43,14 @@ class Process(AbstractBasis):
         return cls(jnp.asarray(t), jnp.asarray(root), "random_walk", start_sigma)
 
     @classmethod
-    def ornstein_uhlenbeck(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
+    def ornstein_uhlenbeck(cls, time_s: Float[Numbers, " nodes"], correlation_s: float) -> "Process":
         """Errors that are forgotten: covariance exp(-|dt| / correlation_s). POS attitude errors behave so."""
         t = _increasing(time_s)
         covariance = np.exp(-np.abs(t[:, None] - t) / _positive(correlation_s))
         return cls(jnp.asarray(t), _root(covariance), "ornstein_uhlenbeck", float(correlation_s))
 
     @classmethod
-    def smooth(cls, time_s: Float[ArrayLike, " nodes"], correlation_s: float) -> "Process":
+    def smooth(cls, time_s: Float[Numbers, " nodes"], correlation_s: float) -> "Process":
         """Once differentiable: Matern 3/2, (1 + x) exp(-x) with x = sqrt(3) |dt| / correlation_s. Thermal drift behaves so."""
         t = _increasing(time_s)
         x = np.sqrt(3) * np.abs(t[:, None] - t) / _positive(correlation_s)
@@ -75,7 +75,7 @@ class Process(AbstractBasis):
         return choose(inside, RESULTS.successful, RESULTS.time_outside_trajectory)
 
 
-def _increasing(time_s: Float[ArrayLike, " nodes"]) -> np.ndarray:
+def _increasing(time_s: Float[Numbers, " nodes"]) -> np.ndarray:
     arrays = Arrays("Process")
     t = np.asarray(arrays.take("time_s", time_s, "nodes", absolute=True, finite=True))
     if len(t) < 2 or not (np.diff(t) > 0).all():

@@ -77,6 +77,14 @@ def quaternion_from_vector(turn_rad: Vec3) -> Quaternion:
     return *scale(factor, turn_rad), jnp.where(small, 1.0 - squared / 8.0, c)
 
 
+def quaternion_from_small_vector(turn_rad: Vec3) -> Quaternion:
+    """The same for turns up to twice `SMALL_RAD` (from one POS sample to the next): a power series, without root or branch."""
+    z = 0.25 * dot(turn_rad, turn_rad)
+    half = 0.5 + z * (-1 / 12 + z * (1 / 240 + z * (-1 / 10080)))
+    cosine = 1 + z * (-1 / 2 + z * (1 / 24 + z * (-1 / 720 + z * (1 / 40320))))
+    return *scale(half, turn_rad), cosine
+
+
 def rotation_from_vector(turn_rad: Vec3) -> Mat3:
     """Rotation by |turn| about the direction of turn; exact, differentiable at zero."""
     return rotation_from_quaternion(quaternion_from_vector(turn_rad))

@@ -1,43 +1,59 @@
 """POS records made ready for interpolation, once, on the host (numpy, never traced)."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from jaxtyping import Float
 
 from ..earth.ellipsoid import ECCENTRICITY2, LAT_FIRST, SEMI_MAJOR_M
 from ..rules import Arrays, WhiskjaxError
+from .rotations import Quaternion, quaternion_product
 
 # Any roll, pitch or heading is a rotation, and a heading may run on through north; but beyond two turns degrees were meant.
 ATTITUDE_RAD = 4 * np.pi
 TURNS = "of a heading that runs on take out whole turns"
 
+# Records that are worked on at once: what they need in between stays in the processor's cache.
+_BLOCK = 1 << 14
+
+
+def blocks(n: int, size: int = _BLOCK) -> Iterator[slice]:
+    """Slices that cover n records, for work whose temporaries would not fit into memory, or the cache, at once."""
+    return (slice(start, min(start + size, n)) for start in range(0, n, size))
+
 
 def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> Float[np.ndarray, "n 4"]:
-    """Normalised.
+    """Normalised; those of unit length as they are.
 
     **Raises:** `WhiskjaxError`, beginning with `whose` and the row, where a quaternion is nowhere near unit length.
     """
     length = np.linalg.norm(quaternion_xyzw, axis=-1, keepdims=True)
     if not (length > 0.5).all():
         raise WhiskjaxError(f"{whose} {int(np.argmin(length))} has length {length.min():.3g}, not 1")
-    return quaternion_xyzw / length
+    return quaternion_xyzw if (np.abs(length - 1) < 1e-15).all() else quaternion_xyzw / length
 
 
 def sign_continuous(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     """The same attitudes, each quaternion with the sign nearer to the one before: q and -q are one attitude."""
     flips = np.einsum("ni,ni->n", q[1:], q[:-1]) < 0
+    if not flips.any():
+        return q
     sign = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)])
     return q * sign[:, None]
 
 
 def relative_turns(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n-1 3"]:
     """Rotation vector from each sign-continuous quaternion to the next, in the body frame: q[i+1] = q[i] exp(turn / 2)."""
-    (x, y, z, w), (u, v, s, c) = q[:-1].T, q[1:].T
-    vector = np.stack([w * u - x * c - y * s + z * v, w * v - y * c - z * u + x * s, w * s - z * c - x * v + y * u], axis=-1)
-    scalar = w * c + x * u + y * v + z * s
-    length = np.linalg.norm(vector, axis=-1)
-    angle = 2 * np.arctan2(length, scalar)
-    factor = np.where(length > 1e-9, angle / np.where(length > 1e-9, length, 1.0), 2.0)
-    return vector * factor[:, None]
+    out = np.empty((len(q) - 1, 3))
+    for rows in blocks(len(out)):
+        (x, y, z, w), (u, v, s, c) = q[:-1][rows].T, q[1:][rows].T
+        vector = np.stack([w * u - x * c - y * s + z * v, w * v - y * c - z * u + x * s, w * s - z * c - x * v + y * u], axis=-1)
+        scalar = w * c + x * u + y * v + z * s
+        length = np.linalg.norm(vector, axis=-1)
+        angle = 2 * np.arctan2(length, scalar)
+        factor = np.where(length > 1e-9, angle / np.where(length > 1e-9, length, 1.0), 2.0)
+        out[rows] = vector * factor[:, None]
+    return out
 
 
 def quaternions_from_matrices(rotation: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
@@ -89,8 +105,49 @@ def ecef_from_ned_matrices(lat_rad, lon_rad) -> Float[np.ndarray, "n 3 3"]:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def turned(axis: str, angle_rad: Float[np.ndarray, " n"]) -> Quaternion:
+    """Quaternions of active rotations about x, y or z."""
+    half = 0.5 * np.asarray(angle_rad)
+    return *(np.sin(half) if name == axis else 0 for name in "xyz"), np.cos(half)
+
+
+def body_in_ned(roll_rad, pitch_rad, heading_rad) -> Quaternion:
+    """Rz(heading) Ry(pitch) Rx(roll); any angles, a pitch beyond a right angle too."""
+    return quaternion_product(quaternion_product(turned("z", heading_rad), turned("y", pitch_rad)), turned("x", roll_rad))
+
+
+def ned_in_ecef(lat_rad, lon_rad) -> Quaternion:
+    """Attitude of the local level: about z by the longitude, then about y from the z axis to down."""
+    return quaternion_product(turned("z", lon_rad), turned("y", -np.asarray(lat_rad) - np.pi / 2))
+
+
+def quaternions_in_blocks(n: int, quaternion: Callable[[slice], Quaternion]) -> Float[np.ndarray, "n 4"]:
+    """Unit quaternions of n samples, the largest component of each positive.
+
+    **Arguments:** `quaternion`: from a block's slice to the components of its quaternions.
+    """
+    out = np.empty((n, 4))
+    for rows in blocks(n):
+        q = out[rows]
+        for k, component in enumerate(quaternion(rows)):
+            q[:, k] = component
+        largest = np.take_along_axis(q, np.abs(q).argmax(axis=1)[:, None], axis=1)
+        q /= np.copysign(np.linalg.norm(q, axis=1, keepdims=True), largest)
+    return out
+
+
+def ecef_from_ned_vectors(lat_rad, lon_rad, vector_ned: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Vectors north, east, down at each place in ECEF."""
+    (s, c), (sl, cl) = ((np.sin(a), np.cos(a)) for a in map(np.asarray, (lat_rad, lon_rad)))
+    north, east, down = np.asarray(vector_ned, dtype=np.float64).T
+    outward = -s * north - c * down
+    return np.stack([cl * outward - sl * east, sl * outward + cl * east, c * north - s * down], axis=-1)
+
+
 def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, velocity_ned_mps=None):
     """ECEF positions (n, 3), quaternions ecef_from_body (n, 4) and ECEF velocities (n, 3) or None, of geodetic POS records.
+
+    Any roll, pitch and heading within a turn are a rotation: the pitch of a gimbal that passes nadir is beyond -90 deg.
 
     **Raises:** `WhiskjaxError` for float32, shapes that differ, a latitude beyond a pole or angles that can only be degrees.
     """
@@ -103,13 +160,23 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
     lon, height = take("lon_rad", lon_rad, 2 * np.pi), take("height_m", height_m)
     roll, pitch = take("roll_rad", roll_rad, ATTITUDE_RAD, TURNS), take("pitch_rad", pitch_rad, ATTITUDE_RAD, TURNS)
     heading = take("heading_rad", heading_rad, ATTITUDE_RAD, TURNS)
-    s, c = np.sin(lat), np.cos(lat)
-    n = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY2 * s * s)
-    position = np.stack(
-        [(n + height) * c * np.cos(lon), (n + height) * c * np.sin(lon), (n * (1 - ECCENTRICITY2) + height) * s], -1
+    position = ecef_positions(lat, lon, height)
+    quaternion = quaternions_in_blocks(
+        len(lat), lambda i: quaternion_product(ned_in_ecef(lat[i], lon[i]), body_in_ned(roll[i], pitch[i], heading[i]))
     )
-    to_ecef = ecef_from_ned_matrices(lat, lon)
-    quaternion = quaternions_from_matrices(to_ecef @ ned_from_body_matrices(roll, pitch, heading))
     ned = arrays.take("velocity_ned_mps", velocity_ned_mps, "n 3", optional=True, absolute=True, finite=True)
-    velocity = None if ned is None else np.einsum("nij,nj->ni", to_ecef, np.asarray(ned))
+    velocity = None if ned is None else ecef_from_ned_vectors(lat, lon, np.asarray(ned))
     return position, quaternion, velocity
+
+
+def ecef_positions(lat_rad, lon_rad, height_m) -> Float[np.ndarray, "n 3"]:
+    """ECEF positions of geodetic ones."""
+    out = np.empty((len(lat_rad), 3))
+    for rows in blocks(len(out)):
+        lat, lon, height = lat_rad[rows], lon_rad[rows], height_m[rows]
+        s, c = np.sin(lat), np.cos(lat)
+        n = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY2 * s * s)
+        out[rows, 0] = (n + height) * c * np.cos(lon)
+        out[rows, 1] = (n + height) * c * np.sin(lon)
+        out[rows, 2] = (n * (1 - ECCENTRICITY2) + height) * s
+    return out

@@ -1,25 +1,29 @@
 """Ground -> image: for a line camera, the time when a point is imaged on the detector line."""
 
 import dataclasses
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from ..algebra.vectors import Component, Vec3, unstack
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
-from ..rules.results import failure_if
+from ..algebra.implicit import implicit
+from ..algebra.vectors import Component, Vec3, norm, total, unstack, vsub
+from ..rules import RESULTS, Numbers, WhiskjaxError, first_failure, raise_failures
+from ..rules.results import choose, failure_if
+from .bracket import CLOSE, between, close
 from .camera import AbstractCamera
-from .imaging import begin, finish, finite, into_camera, take_point
+from .imaging import begin, centre, finish, finite, image, into_camera, take_point
+from .one_way import sweeping
 from .sensor import Sensor
 from .shot import Shot
+from .walk import BESIDE, NOTHING, Crossings, crossings
 
-# Searching stops where the miss (tangent of half the angle beside the line) is this small, a few 1e-5 px; one Newton step with
-# the exact derivative then squares what is left.
-_CLOSE, _MOST_STEPS, _BISECT_EVERY = 1e-9, 80, 5
+# From so many points on it pays to look first which way the line sweeps.
+_MANY = 1000
 
 
 class ImagePoint(NamedTuple):
@@ -35,52 +39,85 @@ def _miss(sensor: Sensor, shot: Shot, point: Vec3, t: Component) -> Component:
     return sensor.camera_at(at).miss(into_camera(sensor, at, point))
 
 
-def exposure_time(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component) -> tuple[Component, RESULTS]:
-    """The time in [start, stop] when a point lies in the plane of the detector line, as components.
+def _offset(t: tuple[Component], sensor: Sensor, shot: Shot, point: Vec3) -> tuple[Component]:
+    """What vanishes at the time of exposure: how far beside the line the point is imaged."""
+    return (image(sensor, dataclasses.replace(shot, time_s=t[0]), point)[1],)
 
-    Safeguarded secant inside a bracket (regula falsi with the weight of Anderson and Bjorck 1973, and a bisection where five
-    steps have not brought the miss down to a sixteenth): Newton cycles at the kinks of linearly interpolated POS, and a strip
-    flown in turbulence is far from a straight line. Points that have arrived stay; the loop ends when all have. The derivative
-    is implicit, one Newton step from the solution: dt = -(d miss / d everything else) / (d miss / d t).
+
+def exposure_time(
+    sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool
+) -> tuple[Component, RESULTS]:
+    """The time in [start, stop] when a point is imaged on the detector line, as components.
+
+    The derivative is implicit, by the line offset that vanishes there; the window has none.
+
+    **Arguments:** `clip`: only on the detector.
+
+    **Returns:** the time, also of a crossing that is none on the detector, in front of the camera, or while the chain is recorded
+    (the caller asks, and says which it is); and whether the point crosses the line, and is seen only once.
     """
-    fixed_sensor, fixed_shot, fixed_point = jax.lax.stop_gradient((sensor, shot, point))
+    t, result = _found(*jax.lax.stop_gradient((sensor, shot, point, start_s, stop_s)), clip)
+    (t,) = implicit(_offset, (t,), sensor, shot, point)
+    return t, result
 
-    def miss(t):
-        return _miss(fixed_sensor, fixed_shot, fixed_point, t)
 
-    # A batch shape that holds the point and the window.
-    zero = sum((jnp.zeros_like(c) for c in fixed_point), jnp.zeros(()))
-    a, b = jax.lax.stop_gradient((start_s + zero, stop_s + zero))
-    fa, fb = miss(a), miss(b)
-    crossed = fa * fb <= 0
+def _chains(sensor: Sensor, shot: Shot) -> float:
+    """How many chains there are at one time: one, or as many as shots have keys; infinite where the detector has no ends."""
 
-    def searching(state):
-        k, _, _, _, fb, _ = state
-        return (k < _MOST_STEPS) & jnp.any(crossed & (jnp.abs(fb) > _CLOSE))
+    def chain(t: Component) -> Any:
+        at = dataclasses.replace(shot, time_s=t)
+        return sensor.pose(at), sensor.camera_at(at).ends()
 
-    def step(state):
-        k, a, b, fa, fb, before = state  # a and b enclose the solution, b is the newest
-        arrived = ~(jnp.abs(fb) > _CLOSE)
-        slope = fb - fa
-        t = b - fb * (b - a) / jnp.where(slope == 0, 1.0, slope)
-        look_back = k % _BISECT_EVERY == _BISECT_EVERY - 1
-        t = jnp.where(look_back & (jnp.abs(fb) > before / 16), 0.5 * (a + b), t)
-        before = jnp.where(look_back, jnp.abs(fb), before)
-        t = jnp.where(arrived, b, t)
-        ft = jnp.where(arrived, fb, miss(t))
-        other_side = ft * fb <= 0
-        m = 1 - ft / jnp.where(fb == 0, 1.0, fb)
-        weight = jnp.where(m > 0, m, 0.5)
-        a, fa = jnp.where(other_side, b, a), jnp.where(arrived, fa, jnp.where(other_side, fb, weight * fa))
-        return k + 1, a, t, fa, ft, before
+    *_, ends = found = jax.eval_shape(chain, jnp.zeros(()))
+    return math.inf if ends is None else max(leaf.size for leaf in jax.tree.leaves(found))
 
-    _, _, t, _, last, _ = jax.lax.while_loop(searching, step, (0, a, b, fa, fb, jnp.abs(fb)))
-    t = jax.lax.stop_gradient(t)
-    value, rate = jax.jvp(lambda t: _miss(sensor, shot, point, t), (t,), (jnp.ones_like(t),))
-    rate = jax.lax.stop_gradient(jnp.where(rate == 0, 1.0, rate))
-    t = t - jnp.where(crossed, value / rate, 0.0)
-    lost = failure_if(~(jnp.abs(last) <= _CLOSE), RESULTS.not_converged)
-    return t, first_failure(failure_if(~crossed, RESULTS.outside_swath), lost)
+
+def _many(sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool) -> Crossings:
+    """As `crossings`, sooner: where the line sweeps one way the two ends of a window enclose what there is."""
+
+    def miss(t: Component) -> Component:
+        return _miss(sensor, shot, point, t)
+
+    first, last = jnp.min(start_s), jnp.max(stop_s)
+    distance = norm(vsub(point, centre(sensor, dataclasses.replace(shot, time_s=first))))
+    once = sweeping(sensor, shot, first, last).goes_one_way(distance, last - first)
+    at_start, at_stop = miss(start_s), miss(stop_s)
+    begins_there = jnp.abs(at_start) <= CLOSE
+    enclosed = once & (begins_there | (at_start * at_stop <= 0))
+    ends = (start_s, at_start), (stop_s, at_stop)
+    far, near = (tuple(jnp.where(begins_there, a, b) for a, b in zip(*pair, strict=True)) for pair in (ends[::-1], ends))
+    bracket = close(miss, between(*far, *near), enclosed)
+    met = enclosed & (jnp.abs(bracket.near_value) <= CLOSE)
+    direct = Crossings(
+        jnp.where(met, BESIDE, NOTHING).astype(jnp.int32),
+        met.astype(jnp.int32),
+        bracket.near,
+        enclosed & ~met & (jnp.abs(bracket.near_value) < 1),
+    )
+
+    def with_the_rest() -> Crossings:
+        walked = crossings(sensor, shot, point, start_s, stop_s, clip, leave=once)
+        return jax.tree.map(lambda a, b: jnp.where(once, a, b), direct, walked)
+
+    return jax.lax.cond(jnp.all(once), lambda: direct, with_the_rest)
+
+
+def _found(
+    sensor: Sensor, shot: Shot, point: Vec3, start_s: Component, stop_s: Component, clip: bool
+) -> tuple[Component, RESULTS]:
+    # A batch shape that holds the point, the window and the keys.
+    one_each = total(jnp.zeros_like(c) for c in (*point, start_s, stop_s))
+    one_each = jnp.zeros(jax.eval_shape(lambda t: _miss(sensor, shot, point, t), one_each).shape)
+    start, stop = start_s + one_each, stop_s + one_each
+    search = _many if one_each.size >= _MANY * _chains(sensor, shot) else crossings
+    found = search(sensor, shot, point, start, stop, clip)
+    t, crosses = found.time_s, found.worth > NOTHING
+    (value,), (rate,) = jax.jvp(lambda t: _offset((t,), sensor, shot, point), (t,), (jnp.ones_like(t),))
+    step = value / jnp.where(rate == 0, 1.0, rate)
+    t = jnp.clip(t - jnp.where(crosses & jnp.isfinite(step), step, 0.0), start, stop)
+    missing = choose(found.is_lost, RESULTS.not_converged, RESULTS.outside_swath)
+    often = failure_if((found.count > 1) & (found.worth > BESIDE), RESULTS.seen_more_than_once)
+    return t, choose(crosses, often, missing)
 
 
 @eqx.filter_jit
@@ -90,7 +127,7 @@ def _ground_to_image(
     point = unstack(point_m)
     result = RESULTS.successful
     if window_s is not None:
-        t, result = exposure_time(sensor, shot, point, *window_s)
+        t, result = exposure_time(sensor, shot, point, *window_s, clip)
         start, stop = (sensor.check(dataclasses.replace(shot, time_s=w + jnp.zeros_like(t))) for w in window_s)
         result = first_failure(start, stop, result)
         shot = dataclasses.replace(shot, time_s=t)
@@ -107,8 +144,8 @@ def _ground_to_image(
 def ground_to_image(
     sensor: Sensor,
     shot: Shot,
-    point_m: Float[ArrayLike, "... 3"],
-    window_s: tuple[Float[ArrayLike, "..."], Float[ArrayLike, "..."]] | None = None,
+    point_m: Float[Numbers, "... 3"],
+    window_s: tuple[Float[Numbers, "..."], Float[Numbers, "..."]] | None = None,
     *,
     clip: bool = True,
     throw: bool = True,
@@ -116,8 +153,9 @@ def ground_to_image(
     """Where and when a ground point is imaged.
 
     A frame camera needs no window: the point is projected at the shot's time. For a line camera the time is searched between the
-    two ends of the window (one swing, one strip), which the trajectory has to cover without a gap, and in which the point is seen
-    once: one that crosses the line twice counts as outside the swath, so give a narrower window.
+    two ends of the window (a swing, a strip, many scans of a mirror), which the trajectory has to cover. A point may cross the
+    line often, but only once on the detector: where it is seen more than once, give the narrower window that is meant. What
+    happens between two recorded samples is taken as even: two crossings between them are not told apart from none.
 
     **Arguments:**
 
@@ -129,8 +167,8 @@ def ground_to_image(
 
     **Returns:** `ImagePoint`; the line offset of a line camera is zero up to rounding.
 
-    **Raises:** `SensorError` (outside the swath, outside the trajectory, behind the camera); `WhiskjaxError` where a line camera
-    has no window or a frame camera has one.
+    **Raises:** `SensorError` (outside the swath, seen more than once, outside the trajectory, behind the camera); `WhiskjaxError`
+    where a line camera has no window or a frame camera has one.
     """
     arrays = begin("ground_to_image", sensor, shot)
     point = take_point(arrays, point_m)

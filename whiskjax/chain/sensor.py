@@ -5,11 +5,12 @@ from typing import Any
 
 import equinox as eqx
 
+from ..algebra.vectors import total
 from ..earth.refraction import Refraction
 from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, need
 from .by import By, fit, is_camera
 from .camera import AbstractCamera
-from .link import AbstractLink
+from .link import AbstractLink, Moves
 from .pose import Pose
 from .shot import Shot
 
@@ -124,6 +125,12 @@ class Sensor(eqx.Module):
             if name == stop:
                 break
         return pose
+
+    def moves(self, shot: Shot) -> Moves:
+        """How the whole chain moves in time: the samples of all links, and the sum of their rates."""
+        of_each = [link.moves(shot) for link in self.links]
+        recorded = tuple(record for moves in of_each for record in moves.recorded)
+        return Moves(recorded, total(m.turn_radps for m in of_each), total(m.speed_mps for m in of_each))
 
     def check(self, shot: Shot) -> RESULTS:
         """The first link's failure for each shot, if any: a time outside the record, in a gap, an unknown key."""

@@ -5,9 +5,9 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 
-from ..rules import Arrays, WhiskjaxError, is_traced
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced
 
 KEYS = ("image", "swing", "view", "strip")
 
@@ -37,11 +37,11 @@ class Shot(eqx.Module):
 
     def __init__(
         self,
-        time_s: Float[ArrayLike, "..."] | None = None,
-        image: Int[ArrayLike, "..."] | None = None,
-        swing: Int[ArrayLike, "..."] | None = None,
-        view: Int[ArrayLike, "..."] | None = None,
-        strip: Int[ArrayLike, "..."] | None = None,
+        time_s: Float[Numbers, "..."] | None = None,
+        image: Int[Numbers, "..."] | None = None,
+        swing: Int[Numbers, "..."] | None = None,
+        view: Int[Numbers, "..."] | None = None,
+        strip: Int[Numbers, "..."] | None = None,
         poses: tuple[Any, ...] = (),
     ):
         """**Raises:** `WhiskjaxError` for a time in float32, a key that is no whole number, shapes that do not broadcast."""

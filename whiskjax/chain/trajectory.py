@@ -3,18 +3,19 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from ..algebra.angles import SMALL_RAD, sincos, sincos_of_small
-from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, unstack
+from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, norm, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, Arrays, first_failure, require_x64
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, first_failure, require_x64
 from ..rules.results import choose
+from .attitudes import Slerp, TurnSpline
 from .camera import parameter
 from .knots import Knots, take
-from .link import AbstractLink
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
+from .possible import ImpossibleMotion, refuse_impossible_motion
 from .rotations import (
     Quaternion,
     quaternion_product,
@@ -22,41 +23,53 @@ from .rotations import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from .samples import ecef_samples, relative_turns, sign_continuous, unit_quaternions
+from .samples import ecef_samples, sign_continuous, unit_quaternions
 from .shot import Shot
+from .spline import Interpolation, check_interpolation, hermite, spline_slopes
 from .stations import AbstractStations, motion
 from .turn import as_parameter, take_component
+from .wraps import unclear_turn
 
 
 class Trajectory(AbstractLink):
     """POS samples -> pose world_from_body at time + delay.
 
-    Positions are linear between samples (cubic Hermite where velocities exist), attitudes slerp. `delay_s` shifts the whole POS,
-    `attitude_delay_s` the attitude alone, relative to it: positive where the value valid at the shot was stamped later.
-    Quaternions are made sign-continuous; times outside the record or in a gap longer than `max_gap_s` are refused.
+    `interpolation` says what happens between samples:
+
+    - "linear", as in the papers: positions are linear (cubic Hermite where velocities exist: value and velocity are met at both
+      samples), attitudes slerp. The slope jumps at every sample, of the attitude at least: a cost that is a function of a delay
+      has a kink there.
+    - "cubic": one spline through the positions and one of the rotation, for each piece between gaps, with continuous velocity,
+      acceleration, angular rate and angular acceleration. The error falls with the fourth power of the spacing, up to the ends
+      (positions: not a knot, as in scipy's `CubicSpline`; attitudes: the rate there is that of the cubic through four samples).
+      Pieces of three samples are met by a parabola, pieces of two are as with "linear".
+
+    `delay_s` shifts the whole POS, `attitude_delay_s` the attitude alone, relative to it: positive where the value valid at the
+    shot was stamped later. Quaternions are made sign-continuous; times outside the record or in a gap longer than `max_gap_s`
+    are refused.
     """
 
     knots: Knots
     position_m: Vec3  # components, each (n,)
-    velocity_mps: Vec3 | None
+    velocity_mps: Vec3 | None  # as recorded, or of the spline
     quaternion: Quaternion
-    turn_axis: Vec3  # from each sample to the next, in the body frame: unit axis, each (n - 1,), zero where nothing turns
-    half_turn_rad: Float[Array, " n-1"]
-    turns_are_small: bool = eqx.field(static=True)
+    turning: Slerp | TurnSpline
+    interpolation: Interpolation = eqx.field(static=True)
     max_gap_s: float = eqx.field(static=True)
     delay_s: Component = eqx.field(converter=as_parameter)
     attitude_delay_s: Component = eqx.field(converter=as_parameter)
 
     def __init__(
         self,
-        time_s: Float[ArrayLike, " n"],
-        position_m: Float[ArrayLike, "n 3"],
-        quaternion_xyzw: Float[ArrayLike, "n 4"],
+        time_s: Float[Numbers, " n"],
+        position_m: Float[Numbers, "n 3"],
+        quaternion_xyzw: Float[Numbers, "n 4"],
         *,
         max_gap_s: float,
-        velocity_mps: Float[ArrayLike, "n 3"] | None = None,
+        velocity_mps: Float[Numbers, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
+        interpolation: Interpolation = "linear",
     ):
         """**Arguments:**
 
@@ -64,26 +77,38 @@ class Trajectory(AbstractLink):
         - `position_m`: of the POS reference point, in the world frame (ECEF or local Cartesian).
         - `quaternion_xyzw`: world_from_body, any sign, normalised here.
         - `max_gap_s`: longer intervals are not bridged.
-        - `velocity_mps`: world frame; then positions are cubic Hermite.
+        - `velocity_mps`: world frame; then linear positions are cubic Hermite. "cubic" has its own, and takes none.
+        - `interpolation`: "linear" or "cubic".
 
-        **Raises:** `WhiskjaxError` for times that do not increase, values that are not finite, lengths that differ.
+        **Raises:** `WhiskjaxError` for times that do not increase, values that are not finite, lengths that differ; for two
+        attitudes half a turn apart, between which no way round is the short one.
         """
         require_x64("Trajectory")
         arrays = Arrays("Trajectory")
-        time = arrays.take("time_s", time_s, "n", absolute=True)
         position = np.asarray(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
         quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
         velocity = arrays.take("velocity_mps", velocity_mps, "n 3", optional=True, absolute=True, finite=True)
-        self.knots = Knots(time, max_gap_s, "Trajectory")
+        self.knots = Knots(arrays.take("time_s", time_s, "n", absolute=True), max_gap_s, "Trajectory")
         quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
+        velocity = None if velocity is None else np.asarray(velocity)
+        time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
+        refuse_impossible_motion(time, position, quaternion, velocity, max_gap_s)
+        if unclear := unclear_turn(time, quaternion, is_gap):
+            raise ImpossibleMotion(unclear.sample, "attitude", lambda name: unclear.what)
+        self.interpolation = check_interpolation("Trajectory", interpolation)
+        if self.interpolation == "linear":
+            self.turning = Slerp(quaternion)
+        elif velocity is None:
+            velocity = spline_slopes(time, position, is_gap)
+            self.turning = TurnSpline(time, quaternion, is_gap)
+        else:
+            raise WhiskjaxError(
+                "Trajectory: a cubic spline takes its velocities from the positions; leave velocity_mps out, or take "
+                "interpolation='linear', which meets position and velocity at every sample"
+            )
         self.position_m = unstack(position)
         self.velocity_mps = None if velocity is None else unstack(np.asarray(velocity))
         self.quaternion = unstack(quaternion)
-        turn = relative_turns(quaternion)
-        angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-        self.turn_axis = unstack(turn / np.where(angle > 0, angle, 1.0))
-        self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
-        self.turns_are_small = bool((0.5 * angle < SMALL_RAD).all())
         self.max_gap_s = float(max_gap_s)
         self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
         self.attitude_delay_s = take_component(arrays, "attitude_delay_s", attitude_delay_s, absolute=True)
@@ -91,18 +116,19 @@ class Trajectory(AbstractLink):
     @classmethod
     def from_geodetic(
         cls,
-        time_s: Float[ArrayLike, " n"],
-        lat_rad: Float[ArrayLike, " n"],
-        lon_rad: Float[ArrayLike, " n"],
-        height_m: Float[ArrayLike, " n"],
-        roll_rad: Float[ArrayLike, " n"],
-        pitch_rad: Float[ArrayLike, " n"],
-        heading_rad: Float[ArrayLike, " n"],
+        time_s: Float[Numbers, " n"],
+        lat_rad: Float[Numbers, " n"],
+        lon_rad: Float[Numbers, " n"],
+        height_m: Float[Numbers, " n"],
+        roll_rad: Float[Numbers, " n"],
+        pitch_rad: Float[Numbers, " n"],
+        heading_rad: Float[Numbers, " n"],
         *,
         max_gap_s: float,
-        velocity_ned_mps: Float[ArrayLike, "n 3"] | None = None,
+        velocity_ned_mps: Float[Numbers, "n 3"] | None = None,
         delay_s: Component = 0,
         attitude_delay_s: Component = 0,
+        interpolation: Interpolation = "linear",
     ) -> "Trajectory":
         """A trajectory in ECEF from POS records as they are usually written.
 
@@ -119,6 +145,7 @@ class Trajectory(AbstractLink):
             velocity_mps=velocity,
             delay_s=delay_s,
             attitude_delay_s=attitude_delay_s,
+            interpolation=interpolation,
         )
 
     def pose(self, shot: Shot) -> Pose:
@@ -129,23 +156,25 @@ class Trajectory(AbstractLink):
         if not is_structural(self.attitude_delay_s, 0):
             i, w, _ = self.knots.locate(t + self.attitude_delay_s)
         start: Quaternion = tuple(take(q, i) for q in self.quaternion)
-        half_turn = w * take(self.half_turn_rad, i)
-        sine, cosine = sincos_of_small(half_turn) if self.turns_are_small else sincos(half_turn)
-        part: Quaternion = (*(sine * take(axis, i) for axis in self.turn_axis), cosine)
+        part = self.turning.since(i, w)
         return Pose(rotation_from_quaternion(quaternion_product(start, part)), translation)
 
     def _position(self, i, w, length) -> Vec3:
         before, after = (tuple(take(p, i + k) for p in self.position_m) for k in (0, 1))
         if self.velocity_mps is None:
             return tuple(a + w * (b - a) for a, b in zip(before, after, strict=True))
-        # Cubic Hermite: value and velocity are met at both samples.
         leave, arrive = (tuple(length * take(v, i + k) for v in self.velocity_mps) for k in (0, 1))
-        u = 1 - w
-        far, near_slope, far_slope = w * w * (3 - 2 * w), w * u * u, -w * w * u
-        return tuple(
-            a + far * (b - a) + near_slope * va + far_slope * vb
-            for a, b, va, vb in zip(before, after, leave, arrive, strict=True)
-        )
+        return tuple(hermite(w, *ends) for ends in zip(before, after, leave, arrive, strict=True))
+
+    def moves(self, shot: Shot) -> Moves:
+        """Between the POS samples; the angle between unit quaternions follows from their distance, 2 sin(angle / 4)."""
+        spacing = jnp.diff(self.knots.time_s)
+        turn = 4 * jnp.arcsin(jnp.minimum(norm(tuple(map(jnp.diff, self.quaternion))) / 2, 1.0))
+        way = norm(tuple(map(jnp.diff, self.position_m)))
+        recorded = [Recorded(self.knots, self.delay_s)]
+        if not is_structural(self.attitude_delay_s, 0):
+            recorded.append(Recorded(self.knots, add(self.delay_s, self.attitude_delay_s)))
+        return Moves(tuple(recorded), jnp.max(turn / spacing), jnp.max(way / spacing))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the POS was recorded at the shot's time."""
@@ -170,10 +199,10 @@ class PosePerImage(AbstractStations):
 
     def __init__(
         self,
-        position_m: Float[ArrayLike, "n 3"],
-        quaternion_xyzw: Float[ArrayLike, "n 4"],
-        turn_rad: Float[ArrayLike, "n 3"] | None = None,
-        shift_m: Float[ArrayLike, "n 3"] | None = None,
+        position_m: Float[Numbers, "n 3"],
+        quaternion_xyzw: Float[Numbers, "n 4"],
+        turn_rad: Float[Numbers, "n 3"] | None = None,
+        shift_m: Float[Numbers, "n 3"] | None = None,
     ):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")

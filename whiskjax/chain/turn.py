@@ -5,15 +5,20 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.angles import ELEMENTARY, Angle
 from ..algebra.vectors import Component, add, is_structural, mul
-from ..rules import RESULTS, Arrays, WhiskjaxError, need
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need
 from .knots import Knots, take
-from .link import AbstractLink
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
 from .shot import Shot
+from .spline import Interpolation, check_interpolation, hermite, spline_slopes
+from .wraps import check_wraps, unwrapped
+
+# Beside its neighbours: a flyback that no sample fell into.
+_MUCH_FASTER = 4.0
 
 
 def as_parameter(value: Any) -> Any:
@@ -33,30 +38,58 @@ def take_component(
 
 
 class Encoder(eqx.Module):
-    """A recorded angle, linear between its samples."""
+    """A recorded angle, between its samples linear, as in the papers, or a cubic spline.
+
+    `interpolation` "linear" has a rate that jumps at every sample, and so kinks a cost that is a function of a delay; "cubic" is
+    one spline for each piece between gaps, with continuous rate and acceleration (not a knot, as scipy's `CubicSpline`; a
+    parabola through three samples, a line through two). A spline overshoots where a mirror flies back within a sample or two:
+    such a record stays linear.
+    """
 
     knots: Knots
     angle_rad: Float[Array, " n"]
+    rate_rps: Float[Array, " n"] | None  # of the spline
     max_gap_s: float = eqx.field(static=True)
+    interpolation: Interpolation = eqx.field(static=True)
+    wraps: bool | None = eqx.field(static=True)
 
     def __init__(
-        self, time_s: Float[ArrayLike, " n"], angle_rad: Float[ArrayLike, " n"], max_gap_s: float, name: str = "Encoder"
+        self,
+        time_s: Float[Numbers, " n"],
+        angle_rad: Float[Numbers, " n"],
+        max_gap_s: float,
+        name: str = "Encoder",
+        *,
+        interpolation: Interpolation = "linear",
+        wraps: bool | None = None,
     ):
         """**Arguments:**
 
         - `time_s`: strictly increasing, seconds.
-        - `angle_rad`: radians; jumps of a whole turn between samples are unwrapped.
+        - `angle_rad`: radians.
         - `max_gap_s`: longer intervals are not bridged.
         - `name`: for messages.
+        - `interpolation`: "linear" or "cubic".
+        - `wraps`: True for angles that were recorded modulo one turn, whose jumps are taken out; False for angles that are what
+          they are: cumulative, or of a mirror with flyback. None tells by the record (wraps.py), and refuses where it cannot.
 
-        **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ.
+        **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ, and a step
+        that cannot be told from its complement.
         """
         self.knots = Knots(time_s, max_gap_s, name)
         angle = np.asarray(Arrays(name).take("angle_rad", angle_rad, "n", absolute=True, finite=True))
         if angle.shape != self.knots.time_s.shape:
             raise WhiskjaxError(f"{name}: angle_rad has shape {angle.shape}, but there are {self.knots.time_s.shape[0]} times")
-        self.angle_rad = jnp.asarray(np.unwrap(angle))
+        time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
+        angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
+        if unclear:
+            raise WhiskjaxError(f"{name}: {unclear.what}")
+        self.interpolation = check_interpolation(name, interpolation)
+        self.angle_rad = jnp.asarray(angle)
+        is_cubic = self.interpolation == "cubic"
+        self.rate_rps = jnp.asarray(spline_slopes(time, angle[:, None], is_gap)[:, 0]) if is_cubic else None
         self.max_gap_s = float(max_gap_s)
+        self.wraps = wraps
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -65,13 +98,27 @@ class Encoder(eqx.Module):
 
     def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
         """The angle at each time, radians."""
-        i, w, _ = self.knots.locate(t)
-        before = take(self.angle_rad, i)
-        return before + w * (take(self.angle_rad, i + 1) - before)
+        i, w, length = self.knots.locate(t)
+        before, after = take(self.angle_rad, i), take(self.angle_rad, i + 1)
+        if self.rate_rps is None:
+            return before + w * (after - before)
+        return hermite(w, before, after, length * take(self.rate_rps, i), length * take(self.rate_rps, i + 1))
+
+    def rates(self) -> Float[Array, " n-1"]:
+        """How fast the angle changes from each sample to the next, radians per second."""
+        return jnp.diff(self.angle_rad) / jnp.diff(self.knots.time_s)
 
     def check(self, t: Float[Array, "..."]) -> RESULTS:
         """Whether the encoder was recorded at each time."""
         return self.knots.check(t)
+
+
+def _leaps(rate: Float[Array, " n-1"]) -> Bool[Array, " n-1"]:
+    """Where a mirror goes back between two samples, as far as it came in many: against both neighbours, and much faster."""
+    before, here, after = rate[:-2], rate[1:-1], rate[2:]
+    against = (here * before < 0) & (here * after < 0)
+    faster = jnp.abs(here) > _MUCH_FASTER * jnp.maximum(jnp.abs(before), jnp.abs(after))
+    return jnp.zeros(rate.shape, dtype=bool).at[1:-1].set(against & faster)
 
 
 class Readings(eqx.Module):
@@ -127,6 +174,13 @@ class Turn(AbstractLink):
         time: Any = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
         angle = self.encoder.at(time)
         return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
+
+    def moves(self, shot: Shot) -> Moves:
+        """Between the readings of the encoder."""
+        if isinstance(self.encoder, Readings):
+            return Moves()
+        rate = self.encoder.rates()
+        return Moves((Recorded(self.encoder.knots, self.delay_s, _leaps(rate)),), jnp.max(jnp.abs(rate)))
 
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""

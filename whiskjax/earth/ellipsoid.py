@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Vec3, stack, unstack
-from ..rules import Arrays, require_x64
+from ..rules import Arrays, Numbers, require_x64
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563
@@ -119,7 +119,7 @@ def _geodetic_from_ecef_jvp(primals, tangents):
 
 
 def geodetic_to_ecef(
-    lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."], height_m: Float[ArrayLike, "..."]
+    lat_rad: Float[Numbers, "..."], lon_rad: Float[Numbers, "..."], height_m: Float[Numbers, "..."]
 ) -> Float[Array, "... 3"]:
     """ECEF position of a geodetic position (WGS-84).
 
@@ -152,7 +152,7 @@ def take_lat_lon(arrays: Arrays, lat_rad: ArrayLike, lon_rad: ArrayLike) -> tupl
 
 
 def ecef_to_geodetic(
-    point_ecef_m: Float[ArrayLike, "... 3"],
+    point_ecef_m: Float[Numbers, "... 3"],
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Geodetic position of an ECEF position (WGS-84).
 

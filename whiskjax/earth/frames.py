@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Mat3, stack
-from ..rules import Arrays, require_x64
+from ..rules import Arrays, Numbers, require_x64
 from .ellipsoid import take_lat_lon
 
 
@@ -23,13 +23,13 @@ def ecef_from_enu(lat_rad: Component, lon_rad: Component) -> Mat3:
     return ((-sl, -s * cl, c * cl), (cl, -s * sl, c * sl), (0, c, s))
 
 
-def ned_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
+def ned_rotation(lat_rad: Float[Numbers, "..."], lon_rad: Float[Numbers, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_ned at a geodetic latitude and longitude in radians; columns north, east, down."""
     require_x64("ned_rotation")
     return _as_array(ecef_from_ned, *take_lat_lon(Arrays("ned_rotation"), lat_rad, lon_rad))
 
 
-def enu_rotation(lat_rad: Float[ArrayLike, "..."], lon_rad: Float[ArrayLike, "..."]) -> Float[Array, "... 3 3"]:
+def enu_rotation(lat_rad: Float[Numbers, "..."], lon_rad: Float[Numbers, "..."]) -> Float[Array, "... 3 3"]:
     """Rotation matrix ecef_from_enu at a geodetic latitude and longitude in radians; columns east, north, up."""
     require_x64("enu_rotation")
     return _as_array(ecef_from_enu, *take_lat_lon(Arrays("enu_rotation"), lat_rad, lon_rad))

@@ -15,12 +15,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
+from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec3, dot, scale, vadd, vsub
-from ..rules import RESULTS, Arrays
+from ..rules import RESULTS, Arrays, Numbers
 from ..rules.results import failure_if
 from .atmosphere import HIGHEST_M, LAYERS_M, LOWEST_M, SEA_LEVEL_DENSITY_KGPM3, air, air_in_layer, sea_level_refractivity
 from .ellipsoid import ECCENTRICITY2, SEMI_MINOR_M, height_and_up
@@ -42,7 +44,7 @@ class Refraction(eqx.Module):
     scale: Float[Array, ""]
     wavelength_um: float = eqx.field(static=True)
 
-    def __init__(self, scale: Float[ArrayLike, ""] = 1.0, wavelength_um: float = 0.55):
+    def __init__(self, scale: Float[Numbers, ""] = 1.0, wavelength_um: float = 0.55):
         """**Raises:** `WhiskjaxError` for a negative scale, or a wavelength at which the dispersion is not known."""
         arrays = Arrays("Refraction")
         self.scale = jnp.asarray(arrays.take("scale", scale, "", finite=True, least=0.0))
@@ -85,12 +87,8 @@ class Refraction(eqx.Module):
         level = vsub(line, scale(climb, up))
         column = self._column(platform_m, up, height_m)
         square = dot(level, level) / jnp.where(column.below, climb * climb, 1.0)  # tangent of the true angle off nadir, squared
-        longer, reaches = jnp.zeros_like(square), True
-        for _ in range(_STEPS):
-            tangent2 = (1 + longer) * (1 + longer) * square
-            shorter, gets_there = column.shortening(tangent2 / (1 + tangent2))
-            reaches = reaches & gets_there
-            longer = shorter / (1 - shorter)
+        longer, reaches = _lengthening(*jax.lax.stop_gradient((column, square)))
+        (longer,) = implicit(_misses, (longer,), column, square)
         return vadd(point, scale(jnp.where(reaches | ~column.below, longer, jnp.nan), level))
 
     def _column(self, platform_m: Component, up: Sequence[Component], ground_m: Component) -> "_Column":
@@ -112,6 +110,29 @@ class Refraction(eqx.Module):
         fall = (platform - height) / radius
         thick = (high - low) * weight / ((1 - fall) * radius)
         return _Column(fall, more * (2 + more), thick, (drop / radius)[..., 0], below)
+
+
+def _apart(longer: Component, column: "_Column", square: Component) -> tuple[Component, Array]:
+    """By which part the apparent ray's horizontal part is longer than the chord's, if it is by `longer`; and if it gets there."""
+    tangent2 = (1 + longer) * (1 + longer) * square
+    shorter, reaches = column.shortening(tangent2 / (1 + tangent2))
+    return shorter / (1 - shorter), reaches
+
+
+def _lengthening(column: "_Column", square: Component) -> tuple[Component, Array]:
+    """The fixed point, and whether the rays of all steps get to the ground; `square`: tangent of the chord off nadir, squared."""
+
+    def step(_, state):
+        longer, reaches = state
+        longer, gets_there = _apart(longer, column, square)
+        return longer, reaches & gets_there
+
+    return jax.lax.fori_loop(0, _STEPS, step, (jnp.zeros_like(square), jnp.ones(square.shape, dtype=bool)))
+
+
+def _misses(longer: tuple[Component], column: "_Column", square: Component) -> tuple[Component]:
+    """What vanishes at the fixed point."""
+    return (longer[0] - _apart(longer[0], column, square)[0],)
 
 
 def _quadrature() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,10 +10,10 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Mat3, Vec3, cross, dot, mul, norm, scale, transpose, vadd, vsub
-from ..rules import RESULTS, Arrays, WhiskjaxError, is_traced
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import failure_if
 from .ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, geodetic_from_ecef
 from .frames import ecef_from_enu
@@ -53,7 +53,7 @@ class HeightSurface(AbstractSurface):
 
     height_m: Float[Array, "..."]
 
-    def __init__(self, height_m: Float[ArrayLike, "..."]):
+    def __init__(self, height_m: Float[Numbers, "..."]):
         """**Raises:** `WhiskjaxError` where the height is no finite number, or float32."""
         self.height_m = jnp.asarray(Arrays("HeightSurface").take("height_m", height_m, "...", absolute=True, finite=True))
 
@@ -113,7 +113,7 @@ class Plane(AbstractSurface):
     point_m: Float[Array, "3"]
     normal: Float[Array, "3"]
 
-    def __init__(self, point_m: Float[ArrayLike, "3"], normal: Float[ArrayLike, "3"]):
+    def __init__(self, point_m: Float[Numbers, "3"], normal: Float[Numbers, "3"]):
         """**Raises:** `WhiskjaxError` for other shapes, numbers that are not finite, a normal of no length."""
         arrays = Arrays("Plane")
         self.point_m = jnp.asarray(arrays.take("point_m", point_m, "3", absolute=True, finite=True))

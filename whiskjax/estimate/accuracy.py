@@ -19,10 +19,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import ndtri
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, dot, total, unstack
-from ..rules import Arrays, WhiskjaxError, is_traced, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, require_x64
 
 # The contour s0 + w (i sinh u + slope (1 - cosh u)), 0 <= u <= reach. A slope below 1 leaves a Gaussian integrand (a bias of many
 # sigma) falling, a slope above 0 gives one that falls like a power of s (a needle) the decay of exp(s q).
@@ -57,7 +57,7 @@ class Accuracy(eqx.Module):
             arrays.take(name, getattr(self, name), "...")
 
 
-def accuracy(covariance_enu_m2: Float[ArrayLike, "... 3 3"], bias_enu_m: Float[ArrayLike, "... 3"] | None = None) -> Accuracy:
+def accuracy(covariance_enu_m2: Float[Numbers, "... 3 3"], bias_enu_m: Float[Numbers, "... 3"] | None = None) -> Accuracy:
     """Accuracy of a position from the covariance and the bias of its error.
 
     **Arguments:**
@@ -81,7 +81,7 @@ def accuracy(covariance_enu_m2: Float[ArrayLike, "... 3 3"], bias_enu_m: Float[A
 
 
 def error_radius(
-    covariance: Float[ArrayLike, "... d d"], probability: float, bias: Float[ArrayLike, "... d"] | None = None
+    covariance: Float[Numbers, "... d d"], probability: float, bias: Float[Numbers, "... d"] | None = None
 ) -> Float[Array, "..."]:
     """The radius that a normal error of 1, 2 or 3 dimensions stays within with a given probability.
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import Vec2
+from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.sweep import sweep
@@ -103,6 +104,7 @@ def prepare(
 
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
+    refuse_extremes(sensor, "calibrate")
     problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
     baked, linked = _bake(problem, jnp.asarray(start))
     before, follows, seen = _begin(baked, jnp.asarray(start))
@@ -174,9 +176,14 @@ def weighted_rows(ready: Ready, here: Here, share: Float[np.ndarray, " n"]) -> t
 def refuse(codes: Int[np.ndarray, " n"], observations: Observations) -> None:
     """**Raises:** `SensorError` naming the first observation that the sensor cannot have made, and how many there are."""
     if codes.any():
-        i = int(np.argmax(codes != 0))
-        more = f" ({int((codes != 0).sum())} of {len(codes)} observations fail)" if (codes != 0).sum() > 1 else ""
-        raise SensorError(f"{observations.label(i)}: {message_of(int(codes[i]))}{more}")
+        raise SensorError(impossible(codes, observations))
+
+
+def impossible(codes: Int[np.ndarray, " n"], observations: Observations) -> str:
+    """Names the first observation that the sensor cannot have made, and how many there are; at least one."""
+    i, count = int(np.argmax(codes != 0)), int((codes != 0).sum())
+    more = f" ({count} of {len(codes)} observations fail)" if count > 1 else ""
+    return f"{observations.label(i)}: {message_of(int(codes[i]))}{more}"
 
 
 def whitening(

@@ -20,9 +20,10 @@ from jaxtyping import Array, Float, Int
 
 from ..algebra.vectors import Vec2
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, need, require_x64
+from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if
-from .adjustment import Ready, pixels, prepare, refuse
+from .adjustment import Ready, impossible, pixels, prepare, refuse
 from .least_squares import descend
 from .observations import Observations
 from .problem import Problem, by_observation_of_runs
@@ -108,7 +109,9 @@ def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
         failure_if(~(jnp.diag(root) ** 2 > _SINGULAR * jnp.diag(normal)[:m]).all(), RESULTS.rank_deficient),
         failure_if(~(jnp.abs(step).max() < _CONVERGED), RESULTS.not_converged),
     )
-    after = tuple(pixels(problem, group, u)[0] for group in problem.groups)
+    after, codes = zip(*(pixels(problem, group, u) for group in problem.groups), strict=True)
+    worst = jnp.stack([code.max() for code in codes]).max()
+    result = first_failure(result, jax.tree.map(lambda _: worst, RESULTS.successful))
     # The last step went to the minimum of the quadratic whose value at its start is the corner of the normal matrix.
     return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
 
@@ -236,14 +239,18 @@ def images_of(
     ready = prepare(sensor, observations, unknowns, None)
     refuse(ready.unseen, observations)
     u = (np.asarray(values) - np.asarray(ready.problem.mean)) / ready.scale
-    residual = np.stack(_residuals_of(ready.problem, jnp.asarray(u)), axis=1)
+    residual, codes = _residuals_of(ready.problem, jnp.asarray(u))
+    codes = by_observation_of_runs([np.asarray(codes)[:, None]], ready.indices)[:, :, 0].astype(int)
+    for run in np.flatnonzero(codes.any(axis=1))[:1]:
+        raise SensorError(f"images_of: values {run}: {impossible(codes[run], observations)}")
+    residual = np.stack(residual, axis=1)
     return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
 
 
 @eqx.filter_jit
-def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> Vec2:
+def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> tuple[Vec2, Int[Array, "runs n"]]:
     (group,) = problem.groups
-    return jax.lax.map(lambda one: pixels(problem, group, one)[0], u, batch_size=25)
+    return jax.lax.map(lambda one: pixels(problem, group, one), u, batch_size=25)
 
 
 class _Share(NamedTuple):
@@ -266,6 +273,7 @@ def _gather(
         for share, problem, start, common in shares:
             job = pool.submit(_finished, problem, start, steps, chunk, common)
             done.append((share, job))
+            tell(f"batch: share {len(done)} of up to {_SHARE} runs")
             if len(done) == 1:
                 job.result()  # compiles; the others find it compiled
             elif len(done) > 2 * cores:

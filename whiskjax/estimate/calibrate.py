@@ -11,16 +11,18 @@ from jaxtyping import Bool, Float
 
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
-from .adjustment import Here, Ready, linearise, prepare, refuse, settle, solve, weighted_rows
+from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
 from .diagnosis import consistency, lopsided, repeated, warnings_of
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
-from .reliability import Reliability, log_density, reliability
+from .reliability import Reliability, log_density, of_common_points, reliability
 from .unknown import Unknown, admit, assign, need_unknowns
-from .variance_components import Components, Reweigh, components, group
+from .variance_components import Components, Reweigh, components, group, weighing
+from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
 # Gauss-Newton steps after the solver, while they are this small (of a prior sigma or scale).
 _POLISH, _NEAR = 3, 1e-2
@@ -33,13 +35,14 @@ _ROUNDS, _SAME_FACTOR = 10, 1e-3
 class Fit(NamedTuple):
     """How well the model meets the observations: chi-square over degrees of freedom, its tail probability, the verdict.
 
-    Blunders are left out; where they are, the verdict asks that most observations are none.
+    Blunders are left out; where they are, the verdict asks that most observations are none. `check` is what the check points say.
     """
 
     variance_factor: float
     tail_probability: float
     is_consistent: bool
     degrees_of_freedom: int
+    check: CheckTest = UNTESTED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,8 +78,10 @@ class Calibration:
 
     @property
     def is_sound(self) -> bool:
-        """Converged, every unknown determined (by data or prior), and consistent with its own sigmas."""
-        return bool(is_successful(self.result)) and self.posterior.is_determined and self.fit.is_consistent
+        """Converged, every unknown determined (by data or prior), consistent with its own sigmas and with the check points, and
+        no sigma stretched beyond reason (verdict.py)."""
+        solved = bool(is_successful(self.result)) and self.posterior.is_determined
+        return solved and self.fit.is_consistent and self.fit.check.agrees and not stretched(self.components)
 
     @property
     def blunders(self) -> tuple[str, ...]:
@@ -112,7 +117,7 @@ def calibrate(
       joint, say, that the next flight will not share.
     - `loss`: `Huber(...)` or `Cauchy(...)`, which lets far observations pull less; None is least squares.
     - `blunders`: `Blunders()` finds gross errors, leaves them out and names them.
-    - `reweigh`: `Reweigh()` finds the sigmas of images and priors from the data.
+    - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too.
     - `throw`: raise where the solution did not converge or is not determined; else look at `result`.
 
     **Returns:** `Calibration`.
@@ -136,13 +141,20 @@ def calibrate(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
     admit(sensor, [*unknowns, *consider])  # a number is either estimated or considered
+    tell(
+        f"calibrate: {len(unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time compiled)"
+    )
     ready = prepare(sensor, observations, unknowns, loss)
     refuse(ready.unseen, observations)
+    tell("calibrate: solved (the first time compiled)")
     u, steps, result = solve(ready, control, max_steps)
+    if not np.isfinite(u).all():  # the result says so; what is told is told of the start
+        u = ready.start
     here = linearise(ready, u)
     for _ in range(_POLISH if loss is not None else 1):
         here = settle(ready, here, _share(here, control, loss), 1 if loss is not None else _POLISH, _NEAR)
-    ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh)
+    converged = bool(is_successful(result))
+    ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh if converged else None)
     observations = ready.observations
 
     share = _share(here, used, loss)
@@ -150,15 +162,22 @@ def calibrate(
     trust = posterior((root * here.rows[used]).reshape(-1, len(unknowns)), ready.scale, ready.prior, [x.name for x in unknowns])
     formal = np.nan_to_num(trust.covariance / np.outer(ready.scale, ready.scale), posinf=0.0)
     solution = assign(sensor, unknowns, ready.values(here.u))
+    common = here.rows @ _root(formal)
     if consider:
-        trust = trust.widened(_considered(solution, ready, here, formal, share, consider) * np.outer(ready.scale, ready.scale))
+        effect, moved = _considered(solution, ready, here, formal, share, consider)
+        trust = trust.widened(moved @ moved.T * np.outer(ready.scale, ready.scale))
+        common = np.concatenate([common, effect - here.rows @ moved], axis=2)
     fit = _fit(ready, here, used if loss is None else used & (here.squared <= _BLUNDER**2), control, blunders)
+    if trust.is_determined:
+        fit = fit._replace(check=_checked(ready, here, common, ~control))
     if not trust.is_determined:
         result = RESULTS.rank_deficient  # also the cause where the iteration did not end
-    if throw:
-        refuse(here.unseen, observations)
-    elif here.unseen.any():
-        result = first_failure(result, jax.tree.map(lambda _: here.unseen.max(), RESULTS.successful))
+    lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
+    if lost:
+        if throw:
+            raise SensorError(f"calibrate: {lost[0]}")
+        first = here.unseen[np.argmax(here.unseen != 0)]
+        result = first_failure(result, jax.tree.map(lambda _: first, RESULTS.successful))
     shift = np.where(ready.prior > 0, ready.prior * here.u, np.nan)
     answer = Calibration(
         sensor=solution,
@@ -178,6 +197,8 @@ def calibrate(
         steps=steps,
         result=result,
         warnings=(
+            *lost,
+            *contradictions(fit.check, found),
             *repeated(observations, used),
             *lopsided(observations, used),
             *warnings_of(unknowns, trust, fit.variance_factor, fit.tail_probability, shift),
@@ -209,16 +230,17 @@ def _cleanse(
     if reweigh is None or np.linalg.matrix_rank(rows) < len(unknowns):  # what nothing determines has no weights either
         return ready, here, used, unknowns, None
     grouping = group(reweigh, ready.observations, unknowns)
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"weights: round {i + 1}")
         last, found = found, components(grouping, reweigh.spread, given, here, used)
-        factor = np.append(found.factor, 1.0)  # index -1: no group
-        ready = given.reweighed(factor[grouping.observed], factor[grouping.prior])
+        observed, prior = weighing(grouping, found)
+        ready = given.reweighed(observed, prior)
         here = settle(ready, linearise(ready, here.u), used.astype(float), steps=20)
         if blunders is not None:
             here, used = snoop(ready, here, control, blunders)
         if last is not None and np.abs(np.log(found.factor / last.factor)).max() < _SAME_FACTOR:
             break
-    sigma = [None if x.sigma is None else x.sigma * float(factor[i]) for x, i in zip(unknowns, grouping.prior, strict=True)]
+    sigma = [None if x.sigma is None else x.sigma * float(factor) for x, factor in zip(unknowns, prior, strict=True)]
     return ready, here, used, tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True)), found
 
 
@@ -233,12 +255,35 @@ def _fit(
     return Fit(factor, tail, sound and bool(kept.sum() > (1 - most) * control.sum()), freedom)
 
 
+def _checked(ready: Ready, here: Here, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]) -> CheckTest:
+    """The check points beside their prediction.
+
+    **Arguments:** `common`: how the errors of the answer (columns of variance 1) move every whitened residual.
+    """
+    if not which.any():
+        return UNTESTED
+    index = np.flatnonzero(which)
+    difference, spread = here.whitened[index], common[index]
+    covariance = np.eye(2) + spread @ spread.swapaxes(1, 2)
+    own = np.einsum("ni,ni->n", difference, np.linalg.solve(covariance, difference[:, :, None])[..., 0])
+    difference, spread = of_common_points(ready, index, difference, spread)
+    together = joint_chi_square(difference.ravel(), spread.reshape(2 * len(index), -1))
+    return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])))
+
+
+def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+    """L with L L^T = covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
 def _considered(
     sensor: Sensor, ready: Ready, here: Here, formal: np.ndarray, share: np.ndarray, consider: Sequence[Unknown]
-) -> Float[np.ndarray, "k k"]:
-    """What the uncertainty of numbers that were not estimated adds to the covariance, in whitened units.
+) -> tuple[Float[np.ndarray, "n 2 c"], Float[np.ndarray, "k c"]]:
+    """What numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
 
-    A change c of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them.
+    A change c of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them; the second result is
+    that without its sign, so that its square widens the covariance.
 
     **Arguments:** `sensor`: at the solution; `formal`: covariance C of the whitened unknowns without them.
     """
@@ -247,8 +292,7 @@ def _considered(
             raise WhiskjaxError(f"consider: {x.name} has no prior sigma; its uncertainty is what would be considered")
     changed = prepare(sensor, ready.observations, consider, None).weighted(ready.weight)
     effect = linearise(changed, changed.start).rows
-    moved = formal @ np.einsum("n,nik,nij->kj", share, here.rows, effect)
-    return moved @ moved.T
+    return effect, formal @ np.einsum("n,nik,nij->kj", share, here.rows, effect)
 
 
 def _raise(answer: Calibration) -> None:

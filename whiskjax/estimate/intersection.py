@@ -11,13 +11,15 @@ from jaxtyping import Array, Float, Int
 from ..algebra.symmetric import solve3
 from ..algebra.vectors import Vec2, Vec3, mul, stack, total, unstack, vadd, vsub
 from ..chain.bake import bake
+from ..chain.extremes import refuse_extremes
 from ..chain.imaging import begin, finite, sight
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.sweep import sweep
-from ..rules import RESULTS, WhiskjaxError, first_failure, raise_failures
+from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures
 from ..rules.results import choose, failure_if, is_successful
 from ..rules.sizes import filled, rounded
+from ..rules.spread import refuse_sigmas
 
 _STEPS = 5
 _PARALLEL = 1e-10
@@ -65,6 +67,7 @@ def intersect(
     pixel = jnp.asarray(arrays.take("pixel_px", pixel_px, "rays 2"))
     index = np.asarray(arrays.take_whole("point_index", point_index, "rays"))
     shot.fit(arrays, "rays")
+    refuse_extremes(sensor, "intersect")
     if len(index) == 0:
         raise WhiskjaxError("intersect: there are no rays")
     points = int(index.max()) + 1
@@ -74,6 +77,8 @@ def intersect(
         )
     shape = {0: "", 1: "2"}.get(np.ndim(sigma_px), "rays 2")
     sigma = jnp.broadcast_to(jnp.asarray(arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0)), pixel.shape)
+    if not is_traced(sigma):
+        refuse_sigmas(np.asarray(sigma), lambda _: "intersect: a sigma_px")
     rays, whose, size = _filled(index, points)
     shots = jax.tree.map(lambda a: jnp.broadcast_to(a, index.shape)[rays], shot)
     found = _intersect(sensor, shots, pixel[rays], jnp.asarray(whose, dtype=jnp.int32), sigma[rays], size)

@@ -8,9 +8,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from ..rules import Arrays
+from ..rules import Arrays, Numbers
 
 
 class AbstractLoss(eqx.Module):
@@ -25,7 +25,7 @@ class AbstractLoss(eqx.Module):
         """Weight of the observation, 1 for a good one."""
 
 
-def _bound(owner: str, bound: Float[ArrayLike, ""]) -> Float[Array, ""]:
+def _bound(owner: str, bound: Float[Numbers, ""]) -> Float[Array, ""]:
     return jnp.asarray(Arrays(owner).take("bound", bound, "", finite=True, above=0.0, meaning="a number of sigmas"))
 
 
@@ -34,7 +34,7 @@ class Huber(AbstractLoss):
 
     bound: Float[Array, ""]
 
-    def __init__(self, bound: Float[ArrayLike, ""] = 2.5):
+    def __init__(self, bound: Float[Numbers, ""] = 2.5):
         """**Raises:** `WhiskjaxError` where the bound is no positive number."""
         self.bound = _bound("Huber", bound)
 
@@ -55,7 +55,7 @@ class Cauchy(AbstractLoss):
 
     bound: Float[Array, ""]
 
-    def __init__(self, bound: Float[ArrayLike, ""] = 2.5):
+    def __init__(self, bound: Float[Numbers, ""] = 2.5):
         """**Raises:** `WhiskjaxError` where the bound is no positive number."""
         self.bound = _bound("Cauchy", bound)
 

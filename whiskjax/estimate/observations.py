@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from ..chain.shot import Shot
 from ..rules import Arrays, WhiskjaxError, need
+from ..rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,6 +64,11 @@ class Observations:
         for name in ("images", "points"):
             if len(getattr(self, name)) not in (0, n):
                 raise WhiskjaxError(f"observations: {len(getattr(self, name))} names of {name} for {n} observations")
+        for name in ("point_m", "pixel_px"):
+            refuse_sizes(getattr(self, name), lambda i, name=name: f"{self.label(i)}: {name}")
+        refuse_sigmas(self.sigma_px, lambda i: f"{self.label(i)}: sigma_px")
+        if self.point_covariance_m2 is not None:
+            refuse_covariances(self.point_covariance_m2, lambda i: f"{self.label(i)}: point_covariance_m2")
 
     def __len__(self) -> int:
         return len(self.point_m)

@@ -25,7 +25,7 @@ from ..rules import WhiskjaxError
 from ..rules.sizes import rounded
 from .losses import AbstractLoss
 from .observations import Observations
-from .unknown import Unknown, admit, start_of
+from .unknown import Unknown, admit, start_of, whitened
 
 Places = tuple[tuple[Address, ...], ...]
 
@@ -163,8 +163,7 @@ def pose_problem(
             )
     groups, indices = _groups(sensor, observations, split)
     start = np.array([start_of(sensor, x) for x in unknowns])
-    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
-    scale = np.array([x.size for x in unknowns])
+    mean, scale, u = whitened(unknowns, start)
     prior = np.array([float(x.sigma is not None) for x in unknowns])
     problem = Problem(
         sensor,
@@ -175,7 +174,7 @@ def pose_problem(
         loss,
         tuple(x.places for x in unknowns),
     )
-    return problem, (start - mean) / scale, indices
+    return problem, u, indices
 
 
 def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.ndarray]) -> Problem:

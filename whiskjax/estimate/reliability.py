@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .adjustment import Here, Ready, weighted_rows
 
@@ -60,6 +60,37 @@ def squared_residuals(
     return (np.where(free, along**2, 0.0) / np.where(free, values, 1.0)).sum(axis=1)
 
 
+def of_common_points(
+    ready: Ready, index: Int[np.ndarray, " m"], difference: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 k"]
+) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2 k"]]:
+    """Whitened residuals and derivatives of some observations, whitened further where several see one point.
+
+    The error of the point's coordinates is the same in all of them; the weights take each by itself.
+    """
+    covariance = ready.observations.point_covariance_m2
+    if covariance is None:
+        return difference, spread
+    difference, spread = difference.copy(), spread.copy()
+    _, of, count = np.unique(ready.observations.point_m[index], axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(of.ravel(), kind="stable")
+    for members in np.split(order, np.cumsum(count)[:-1]):
+        if len(members) > 1:
+            rows = _triangles(ready.weight[index[members]]) @ ready.follows[index[members]]
+            whole = rows.reshape(-1, 3) @ covariance[index[members[0]]] @ rows.reshape(-1, 3).T
+            own = np.kron(np.eye(len(members)), np.ones((2, 2)))
+            root = np.linalg.cholesky(np.where(own > 0, np.eye(len(own)), whole))
+            difference[members] = np.linalg.solve(root, difference[members].ravel()).reshape(-1, 2)
+            flat = spread[members].reshape(len(own), -1)
+            spread[members] = np.linalg.solve(root, flat).reshape(len(members), 2, -1)
+    return difference, spread
+
+
+def _triangles(weight: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2 2"]:
+    """The lower triangles that whiten pairs of pixel coordinates, as matrices."""
+    w00, w10, w11 = weight.T
+    return np.stack([np.stack([w00, np.zeros_like(w00)], -1), np.stack([w10, w11], -1)], -2)
+
+
 def log_density(ready: Ready, here: Here, covariance: Float[np.ndarray, "k k"], which: Bool[np.ndarray, " n"]) -> float:
     """Mean logarithm of the density, per px^2, with which observations that took no part were predicted; NaN for none."""
     if not which.any():
@@ -75,8 +106,7 @@ def reliability(ready: Ready, here: Here, covariance: Float[np.ndarray, "k k"], 
     """Reliability at a solution; `covariance` is that of the whitened unknowns, (k, k)."""
     share = used.astype(float)
     whitened = residual_covariance(here, covariance, share)
-    w00, w10, w11 = ready.weight.T
-    triangle = np.stack([np.stack([w00, np.zeros_like(w00)], -1), np.stack([w10, w11], -1)], -2)
+    triangle = _triangles(ready.weight)
     to_px = np.linalg.inv(triangle)
     variance_px2 = np.einsum("nai,nij,naj->na", to_px, whitened, to_px)
     redundancy = np.einsum("nai,nij,nja->na", to_px, whitened, triangle)

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Float
+import numpy as np
+from jaxtyping import Float
 
 from ..chain.address import Address, is_in_degrees, make_room, parse, put, read
 from ..chain.sensor import Sensor
-from ..rules import Arrays, WhiskjaxError, need
+from ..rules import Arrays, Numbers, WhiskjaxError, need
+from ..rules.spread import LEAST_SCALE, MOST_SCALE, refuse_sigmas
 
 
 class Unit(NamedTuple):
@@ -27,6 +29,7 @@ _UNITS = {
     "_px": Unit("px", 1.0),
 }
 _NO_UNIT = Unit("1", 1.0)
+_FARTHEST = 1e12  # prior sigmas from the prior mean
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +76,10 @@ class Unknown:
             raise WhiskjaxError(f"unknown {self.name}: the prior mean is {self.mean}")
         if self.places[0].path[-1].endswith("_rad"):
             arrays.take("mean", self.mean, "", optional=True, within_rad=2 * math.pi)
+        what = "scale" if self.sigma is None else "prior sigma"
+        if self.mean is not None and not abs(self.mean) <= MOST_SCALE:
+            raise WhiskjaxError(f"unknown {self.name}: a prior mean of {self.mean:g} is no number to reckon with")
+        refuse_sigmas(np.array([size]), lambda _: f"unknown {self.name}: its {what}", least=LEAST_SCALE, most=MOST_SCALE)
 
     def _to_radians(self) -> None:
         """From degrees, where the place is written in them."""
@@ -139,7 +146,7 @@ def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
     return sensor
 
 
-def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[ArrayLike, " unknowns"]) -> Sensor:
+def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[Numbers, " unknowns"]) -> Sensor:
     """The sensor with unknowns set to values (k,) in the units of their fields; differentiable in the values.
 
     The way from a vector of parameters to an image: `jax.jacfwd(lambda v: project(assign(sensor, unknowns, v), shot, point))`.
@@ -149,6 +156,26 @@ def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[ArrayLike,
     value = jnp.asarray(Arrays("assign").take("values", values, str(len(unknowns)), meaning="one number for each unknown"))
     pairs = [(place, value[k]) for k, unknown in enumerate(unknowns) for place in unknown.places]
     return put(admit(sensor, unknowns), [place for place, _ in pairs], [v for _, v in pairs])
+
+
+def whitened(
+    unknowns: Sequence[Unknown], start: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Mean and scale of each unknown, and the start value in scales from the mean: value = mean + scale * u.
+
+    **Raises:** `WhiskjaxError` naming the first that starts so far from its prior mean that float64 holds no difference.
+    """
+    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
+    scale = np.array([x.size for x in unknowns])
+    u = (start - mean) / scale
+    far = ~(np.abs(u) <= _FARTHEST)
+    if far.any():
+        i = int(np.argmax(far))
+        raise WhiskjaxError(
+            f"unknown {unknowns[i].name}: the sensor starts at {start[i]:g}, {abs(u[i]):.3g} prior sigmas from its prior mean "
+            f"{mean[i]:g}: no measurement can tell them apart; look at mean, sigma and their unit"
+        )
+    return mean, scale, u
 
 
 def start_of(sensor: Sensor, unknown: Unknown) -> float:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import Arrays, WhiskjaxError, need
+from ..rules import Arrays, WhiskjaxError
 from .adjustment import Here, Ready, point_part
 from .observations import Observations
 from .unknown import Unknown
@@ -31,21 +31,22 @@ class Reweigh:
     **Arguments:**
 
     - `images`, `axes`: a factor for each image, and for each of the two pixel coordinates; off, all of them share one.
-    - `priors`: groups of unknowns by name, as {"lever arm": ["u_gps", "v_gps", "w_gps"]}; None makes one of each link's vector
-      (options of a `By` together); {} leaves the priors alone.
+    - `priors`: False leaves the priors as they are. True makes a group of each link's vector (options of a `By` together), or
+      name the groups: {"lever arm": ["u_gps", "v_gps", "w_gps"]}. A factor shared by three numbers is known to a factor of three
+      or so only, and the covariance takes it as exact: ask for it where priors are guesses, not where they are knowledge.
     - `spread`: the given sigmas are right to within this factor, 1-sigma. It keeps groups that the data say nothing of where they
       are, and hardly pulls on the others.
     """
 
     images: bool = True
     axes: bool = True
-    priors: Mapping[str, Sequence[str]] | None = None
+    priors: Mapping[str, Sequence[str]] | bool = False
     spread: float = 30.0
 
     def __post_init__(self):
         Arrays("Reweigh").take("spread", self.spread, "")
-        if self.priors is not None:
-            need("Reweigh", "priors", self.priors, Mapping, 'groups of unknowns by name, as {"lever arm": ["u_gps"]}')
+        if not isinstance(self.priors, bool | Mapping):
+            raise WhiskjaxError(f"Reweigh: priors is True, False, or groups of unknowns by name, not {self.priors!r}")
         if not (math.isfinite(self.spread) and self.spread > 1):
             raise WhiskjaxError(f"Reweigh: spread is a factor above 1, not {self.spread}")
 
@@ -66,7 +67,7 @@ class Components(NamedTuple):
 class Grouping(NamedTuple):
     """Names of the groups, and the group of each pixel coordinate (n, 2) and each unknown (k,); -1 is none.
 
-    Images without control points have none: nothing speaks of their sigmas.
+    Images without control points have none (`weighing`).
     """
 
     names: tuple[str, ...]
@@ -101,8 +102,10 @@ def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]
 
 
 def _prior_groups(rule: Reweigh, unknowns: Sequence[Unknown]) -> Mapping[str, Sequence[str]]:
-    if rule.priors is not None:
+    if not isinstance(rule.priors, bool):
         return rule.priors
+    if not rule.priors:
+        return {}
     groups: dict[str, list[str]] = {}
     for x in unknowns:
         if x.sigma is not None:
@@ -110,6 +113,21 @@ def _prior_groups(rule: Reweigh, unknowns: Sequence[Unknown]) -> Mapping[str, Se
             field = place.text.partition("[")[0].rpartition(".")[2]
             groups.setdefault(f"prior of {place.link} {field}", []).append(x.name)
     return groups
+
+
+def weighing(grouping: Grouping, found: Components) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " k"]]:
+    """The factor of every pixel coordinate and of every prior.
+
+    An image without control points has no factor of its own: its sigmas were stated with those of the others, and take the mean
+    of their factors (of the logarithms, by their precision; axis by axis).
+    """
+    factor = np.append(found.factor, 1.0)  # index -1: no group
+    observed = factor[grouping.observed]
+    for axis, groups in enumerate(grouping.observed.T):
+        own = np.unique(groups[groups >= 0])
+        mean = np.average(np.log(found.factor[own]), weights=found.log_sigma[own] ** -2)
+        observed[groups < 0, axis] = np.exp(mean)
+    return observed, factor[grouping.prior]
 
 
 class _Data(NamedTuple):

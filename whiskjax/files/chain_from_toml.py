@@ -1,5 +1,6 @@
 """The sensor of a flight folder: every entry of [[chain]] as a link, [camera] as a camera."""
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
@@ -11,18 +12,22 @@ from ..chain.correction import Bias, Correction, Drift, OrientationImages, Splin
 from ..chain.line_camera import LineCamera, LookTable
 from ..chain.link import AbstractLink, Fixed
 from ..chain.mounts import Axes, Mount
+from ..chain.possible import refuse_impossible_speed
 from ..chain.process import Process
 from ..chain.sensor import Sensor
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
+from ..chain.wraps import unwrapped
 from ..earth.refraction import Refraction
 from ..rules import FlightError, WhiskjaxError
+from . import cautions
 from .flight_toml import NAME
+from .flown import in_words_of_sbet, in_words_of_table
 from .names import listed, meant
-from .navigation import is_ignored, navigation_columns, samples
+from .navigation import Samples, is_ignored, navigation_columns, samples
 from .sbet import is_sbet, read_sbet
 from .source import Source
-from .tables import Column, Table, check_increasing
+from .tables import Column, Table, check_increasing, refuse_codes
 from .units import radian_array
 
 if TYPE_CHECKING:
@@ -107,19 +112,37 @@ def _trajectory(entry: "TrajectoryLink", source: Source, place: str) -> Trajecto
     pos = source.toml.pos
     file, gap = entry.file or pos.file, _max_gap(entry, source, place)
     delays = {"delay_s": _or_zero(entry.delay_s), "attitude_delay_s": _or_zero(entry.attitude_delay_s)}
+    way = entry.interpolation
     if is_sbet(file):
         if source.toml.world.kind == "local" or pos.angles != "roll_pitch_heading":
             raise FlightError(f'{place}: {file}: SBET holds latitude, longitude, height and angles = "roll_pitch_heading"')
-        return Trajectory(*read_sbet(source.folder / file), max_gap_s=gap, **delays)
-    sheet = source.sheet(file, place)
-    columns = [Column("time_s"), *navigation_columns(sheet, source.toml.world.kind, pos.angles)]
-    table = sheet.parse(columns, ignore=is_ignored)
+        with in_words_of_sbet(file):
+            records = read_sbet(source.folder / file)
+            refuse_impossible_speed(records.time_s, records.position_m, gap)
+            return Trajectory(*records, max_gap_s=gap, **delays, interpolation=way)
+    time_s, found, table = _recorded(file, source, place, gap)
+    velocity = found.velocity_mps
+    if velocity is not None and way == "cubic":
+        source.note([f"{file}: velocities left out: a cubic trajectory has those of its positions."])
+        velocity = None
+    with in_words_of_table(table, pos.angles):
+        refuse_impossible_speed(time_s, found.position_m, gap)
+        return Trajectory(
+            time_s, found.position_m, found.quaternion, max_gap_s=gap, velocity_mps=velocity, **delays, interpolation=way
+        )
+
+
+def _recorded(file: str, source: Source, place: str, max_gap_s: float) -> tuple[np.ndarray, Samples, Table]:
+    """Times and samples of a POS table, and its rows by name only: what it held may be large, and is not needed twice."""
+    sheet, world, angles = source.sheet(file, place), source.toml.world.kind, source.toml.pos.angles
+    table = sheet.parse([Column("time_s"), *navigation_columns(sheet, world, angles)], ignore=is_ignored)
     source.leave_out(table, "accuracies of POS samples are not used yet")
     if len(table) < 2:
         raise FlightError(f"{file}: {len(table)} samples; at least two are needed to interpolate")
     check_increasing(table, "time_s")
-    position, quaternion, velocity = samples(table, source.toml.world.kind, pos.angles)
-    return Trajectory(table["time_s"], position, quaternion, max_gap_s=gap, velocity_mps=velocity, **delays)
+    time_s, found = table["time_s"], samples(table, world, angles)
+    source.note(cautions.of_positions(table, time_s, found, max_gap_s))
+    return time_s, found, dataclasses.replace(table, columns={})
 
 
 def _or_zero(value: float | None) -> Any:
@@ -137,6 +160,7 @@ def _poses(file: str, source: Source, place: str) -> PosePerImage:
     source.leave_out(table, "accuracies of poses are not used yet")
     order = _rows_by_image(table, source)
     position, quaternion, _ = samples(table, world, angles)
+    source.note(cautions.of_poses(table, position))
     turn, shift = (np.stack([table[n] for n in names], axis=-1)[order] if names[0] in table else None for names in SMALL_MOTION)
     return PosePerImage(position[order], quaternion[order], None if turn is None else np.radians(turn), shift)
 
@@ -181,9 +205,14 @@ def _encoder(entry: "TurnLink", source: Source, place: str) -> Encoder:
     sampled = ~np.isnan(table[column])
     if sampled.sum() < 2:
         raise FlightError(f"{file}, column {column}: {sampled.sum()} samples; at least two are needed to interpolate")
-    return Encoder(
-        table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place), f"{file}, {column}"
-    )
+    refuse_codes(table, column, np.flatnonzero(sampled))
+    source.note(cautions.of_encoder(table, column, np.flatnonzero(sampled)))
+    time, angle, gap = table["time_s"][sampled], np.radians(table[column][sampled]), _max_gap(entry, source, place)
+    _, unclear = unwrapped(time, angle, np.diff(time) > gap, entry.wraps)
+    if unclear:
+        table.fail(int(np.flatnonzero(sampled)[unclear.sample]), column, unclear.what)
+    name = f"{file}, {column}"
+    return Encoder(time, angle, gap, name, interpolation=entry.interpolation, wraps=entry.wraps)
 
 
 def _basis(basis: Any) -> Any:

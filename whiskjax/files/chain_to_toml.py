@@ -28,6 +28,7 @@ from .units import degree_lists, degrees, floats
 
 # Encoder angles in degrees: 1e-13 deg is 2e-15 rad.
 _ENCODER_DEG = 1e-13
+_LONGEST = 100  # bytes of a name that go into that of a file, which has at most 255
 
 
 class Tables:
@@ -42,13 +43,13 @@ class Tables:
         for name, there in self.texts.items():
             if there == text:
                 return name
-        name = _free(self.texts, f"{stem}.csv", f"{stem}_{label}.csv")
+        name = _free(self.texts, f"{stem}.csv", f"{stem}_{_word(label)}.csv")
         self.texts[name] = text
         return name
 
     def add_encoder(self, encoder: Encoder, label: str) -> tuple[str, str]:
         """The file and the column (without its unit) that hold an encoder."""
-        time = np.asarray(encoder.knots.time_s)
+        time, label = np.asarray(encoder.knots.time_s), _word(label)
         angle = rounded(np.degrees(np.asarray(encoder.angle_rad)), _ENCODER_DEG)
         same = [(file, columns) for file, clock, columns in self._clocks if np.array_equal(clock, time)]
         if not same:
@@ -108,6 +109,7 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             max_gap_s=None if link.max_gap_s == gap else link.max_gap_s,
             delay_s=_number(link.delay_s),
             attitude_delay_s=_number(link.attitude_delay_s),
+            interpolation=None if link.interpolation == "linear" else link.interpolation,
         )
     if isinstance(link, PosePerImage):
         columns = {"image": [image.name for image in flight.images]} | dict(sample_texts(_samples(link), world))
@@ -139,6 +141,8 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             delay_s=_number(link.delay_s),
             zero_deg=None if type(link.zero_rad) is int else degrees(float(link.zero_rad)),
             max_gap_s=None if link.encoder.max_gap_s == gap else link.encoder.max_gap_s,
+            interpolation=None if link.encoder.interpolation == "linear" else link.encoder.interpolation,
+            wraps=None if link.encoder.wraps is None else False,  # jumps of a whole turn are taken out of what is written
         )
     if isinstance(link, Correction):
         return _given(
@@ -158,7 +162,8 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
 
 
 def _samples(link: Trajectory | PosePerImage) -> Samples:
-    velocity = link.velocity_mps if isinstance(link, Trajectory) else None
+    # The velocities of a spline are its own, not recorded.
+    velocity = link.velocity_mps if isinstance(link, Trajectory) and link.interpolation == "linear" else None
     return Samples(_rows(link.position_m), _rows(link.quaternion), None if velocity is None else _rows(velocity))
 
 
@@ -264,8 +269,8 @@ def _single(value: Any, label: str, dimensions: int | None = None) -> Any:
 
 
 def _word(name: str) -> str:
-    """An option's name as a part of a file name or a column."""
-    return re.sub(r"\W+", "_", name)
+    """A name as a part of a file name or a column: without what these cannot hold, and short enough for a file system."""
+    return re.sub(r"\W+", "_", name).encode("utf-8")[:_LONGEST].decode("utf-8", "ignore")
 
 
 def _free(taken: Container[str], *names: str) -> str:

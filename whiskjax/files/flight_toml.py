@@ -1,16 +1,17 @@
 """flight.toml: from text to a checked `FlightTable`, with errors that say which key is wrong and what it should be."""
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..rules import FlightError
-from .names import listed, meant
+from .names import listed, meant, shown
+from .toml_file import read_toml
 
 if TYPE_CHECKING:
     from .schema import FlightTable
 
 NAME = "flight.toml"
+_MOST_ERRORS = 50
 
 
 def load_flight_toml(folder: Path) -> "FlightTable":
@@ -28,10 +29,7 @@ def load_flight_toml(folder: Path) -> "FlightTable":
         raise FlightError(
             f"{folder} holds no {NAME}, so it is not a flight folder; it holds {listed(_entries(folder)) or 'nothing'}"
         )
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FlightError(f"{NAME}: not valid TOML: {error}") from error
+    data = read_toml(path, NAME)
     try:
         return schema.FlightTable.model_validate(data)
     except schema.pydantic.ValidationError as error:
@@ -44,9 +42,11 @@ def _entries(folder: Path) -> list[str]:
 
 def _explain(data: dict[str, Any], errors: list[Any]) -> str:
     lines = []
-    for error in errors:
+    for error in errors[:_MOST_ERRORS]:
         path, model = _locate(data, error["loc"])
         lines.append(f"{NAME}: {path}: {_sentence(error, model)}")
+    if len(errors) > _MOST_ERRORS:
+        lines.append(f"{NAME}: and {len(errors) - _MOST_ERRORS} more")
     return "\n".join(dict.fromkeys(lines))
 
 
@@ -95,11 +95,11 @@ def _sentence(error: dict[str, Any], model: Any) -> str:
         return f"the key {tag} is missing, which says what this is"
     if kind == "union_tag_invalid":
         tag = str(context["discriminator"]).strip("'")
-        return f"{tag} = {context['tag']!r} is unknown; expected {context['expected_tags']}"
+        return f"{tag} = {shown(context['tag'])} is unknown; expected {context['expected_tags']}"
     if kind == "value_error":
         return str(context["error"])
     if kind in ("too_short", "too_long") and context["field_type"] == "List":
         size = context.get("min_length", context.get("max_length"))
-        return f"a list of {size} is expected, not {error['input']!r}"
+        return f"a list of {size} is expected, not {shown(error['input'])}"
     message = error["msg"].replace("Input should", "it should")
-    return f"{message}, not {error['input']!r}"
+    return f"{message}, not {shown(error['input'])}"

@@ -13,6 +13,7 @@ from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Turn
 from ..flights.flight import Image
 from ..rules import FlightError
+from . import cautions
 from .flight_toml import NAME
 from .names import listed, meant
 from .source import IMAGES, Source
@@ -110,4 +111,5 @@ def _lines(source: Source) -> dict[str, LineTimes]:
         for column in ("line", "time_s"):
             check_increasing(table, column, np.array(index), f"image {name}: ")
         out[name] = LineTimes(table["line"][index] - source.first_centre, table["time_s"][index], name)
+    source.note(cautions.of_lines(table, rows.values()))
     return out

@@ -17,11 +17,12 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ..earth.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from ..earth.frames import enu_rotation
-from ..rules import WhiskjaxError
+from ..rules import Numbers, WhiskjaxError
+from .plain_names import has_odd
 
 PROBABILITY = 0.9
 # Quantile of chi-square with two degrees of freedom: the ellipse's half-axes in sigmas.
@@ -43,19 +44,19 @@ class LocatedTarget:
     - `properties`: further figures, by names that end in their unit; one that is not finite is written as null.
     - `track`: longitude and latitude in degrees and ellipsoidal height in metres of the platform at the looks, (n, 3).
 
-    **Raises:** `WhiskjaxError` where a value is no position or no covariance, a text is not printable, or a property has the
-    name of a figure that is written anyway.
+    **Raises:** `WhiskjaxError` where a value is no position or no covariance, a text holds a character that no map can show, or a
+    property has the name of a figure that is written anyway.
     """
 
     name: str
     lat_deg: float
     lon_deg: float
     height_m: float
-    covariance_enu_m2: Float[ArrayLike, "3 3"]
+    covariance_enu_m2: Float[Numbers, "3 3"]
     ce90_m: float
     le90_m: float
     properties: Mapping[str, float | int | str | bool | None] = field(default_factory=dict)
-    track: Float[ArrayLike, "n 3"] | None = None
+    track: Float[Numbers, "n 3"] | None = None
 
     def __post_init__(self):
         track = np.zeros((0, 3)) if self.track is None else np.asarray(self.track, dtype=float)
@@ -73,7 +74,7 @@ class LocatedTarget:
         if c.shape != (3, 3) or not np.isfinite(c).all() or np.linalg.eigvalsh(c)[0] < -1e-9 * np.trace(c):
             raise WhiskjaxError(f"{self.name}: covariance_enu_m2 is no covariance (3, 3): {c.tolist()}")
         texts = [self.name, *(f"{name} {value}" for name, value in self.properties.items())]
-        if odd := [text for text in texts if not text.isprintable()]:
+        if odd := [text for text in texts if has_odd(text)]:
             raise WhiskjaxError(f"{odd[0]!r} holds characters that no map file can; use printable ones")
         if taken := sorted({*_figures(self), "part"} & {*self.properties}):
             raise WhiskjaxError(f"{self.name}: {', '.join(taken)} is written from the target itself; rename the property")

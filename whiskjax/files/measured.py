@@ -6,6 +6,7 @@ from jaxtyping import Float
 from ..estimate.block.block import ROLES
 from ..flights.flight import Image, Measurements, Points
 from ..rules import FlightError
+from ..rules.spread import LEAST_SIGMA, MOST_SIGMA
 from .images import LINES
 from .names import listed, meant
 from .navigation import position_columns, positions
@@ -27,7 +28,9 @@ def points_of(source: Source) -> tuple[Points, Table]:
         Column("point", text=True),
         *position_columns(sheet, source.toml.world.kind, blank=True),
         *(
-            Column(name, required=False, low=0.0, hint="a sigma is not negative; 0 means that the point is exact")
+            Column(
+                name, required=False, low=0.0, high=MOST_SIGMA, hint="a sigma is not negative; 0 means that the point is exact"
+            )
             for name in SIGMAS
         ),
         Column("role", choices=ROLES),
@@ -45,7 +48,7 @@ def points_of(source: Source) -> tuple[Points, Table]:
             )
             table.fail(row, what, f"{found}point {name!r} is there twice, first in line {table.lines[first]}; keep one of them")
         seen[name] = row
-    position = positions(table)
+    position = positions(table, source.toml.world.kind)
     for row in np.flatnonzero(np.isnan(position[:, 0])):
         if table["role"][row] != "tie":
             column = "lat_deg" if "lat_deg" in table else "x_m"
@@ -65,7 +68,7 @@ def measurements_of(source: Source, images: list[Image], points: Table) -> tuple
         *(Column(name, text=True) for name in ("image", "point")),
         *(Column(name) for name in ("line", "sample")),
         *(
-            Column(name, positive=True, hint="every measurement has a 1-sigma in pixels")
+            Column(name, positive=True, low=LEAST_SIGMA, high=MOST_SIGMA, hint="every measurement has a 1-sigma in pixels")
             for name in ("sigma_line_px", "sigma_sample_px")
         ),
     ]

@@ -8,17 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..chain.rotations import Quaternion, quaternion_product
 from ..chain.samples import (
+    body_in_ned,
     ecef_from_ned_matrices,
-    ecef_samples,
+    ecef_from_ned_vectors,
+    ecef_positions,
     matrices_from_quaternions,
-    ned_from_body_matrices,
-    quaternions_from_matrices,
+    ned_in_ecef,
+    quaternions_in_blocks,
+    turned,
 )
-from ..earth.ellipsoid import ecef_to_geodetic
+from ..earth.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, ecef_to_geodetic
 from ..rules import FlightError
 from .names import listed
-from .tables import Column, Sheet, Table, exact, rounded
+from .sheet import Sheet
+from .tables import Column, Table, exact, rounded
 
 GEODETIC = ("lat_deg", "lon_deg", "height_m")
 CARTESIAN = ("x_m", "y_m", "z_m")
@@ -29,6 +34,9 @@ ATTITUDE = {
 }
 VELOCITIES = (("vn_mps", "ve_mps", "vd_mps"), ("vx_mps", "vy_mps", "vz_mps"))
 
+# From the deepest mine (-4 km; codes for missing data lie at -9999) to any orbit that looks at the ground (beyond: millimetres).
+HEIGHT_LIMITS_M = (-5e3, 1e8)
+
 _DEGREES = "degrees are expected"
 _SWAPPED = f"{_DEGREES}; are latitude and longitude swapped?"
 _COLUMNS = {
@@ -36,22 +44,18 @@ _COLUMNS = {
     for column in (
         Column("lat_deg", low=-90, high=90, hint=_SWAPPED),
         Column("lon_deg", low=-360, high=360, hint=_DEGREES),
-        # From the deepest mine to any orbit that looks at the ground; 1e8 catches heights in millimetres.
-        Column("height_m", low=-2e4, high=1e8, hint="metres above the ellipsoid are expected"),
+        Column("height_m", low=HEIGHT_LIMITS_M[0], high=HEIGHT_LIMITS_M[1], hint="metres above the ellipsoid are expected"),
         *(Column(name) for name in CARTESIAN),
-        Column("roll_deg", low=-180, high=180, hint=_DEGREES),
-        Column("pitch_deg", low=-90, high=90, hint=_DEGREES),
-        Column("heading_deg", low=-360, high=360, hint=_DEGREES),
+        # Every angle within a turn is a rotation: the pitch of a gimbal that passes nadir is beyond -90.
+        *(Column(name, low=-360, high=360, hint=_DEGREES) for name in ATTITUDE["roll_pitch_heading"]),
         *(Column(name, low=-360, high=360, hint=_DEGREES) for name in ATTITUDE["opk"]),
         Column("convergence_deg", required=False, low=-180, high=180, hint=_DEGREES),
         *(Column(name, low=-1.01, high=1.01, hint="a quaternion has length 1") for name in ATTITUDE["quaternion"]),
     )
 }
 
-# NED in a local world x east, y north, z up.
-_LOCAL_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-# East, north, up as columns in NED: the matrix is its own inverse.
-_NED_FROM_ENU = _LOCAL_FROM_NED
+# North, east, down in a local world x east, y north, z up: half a turn about the diagonal of x and y.
+_NED_IN_LOCAL: Quaternion = (np.sqrt(0.5), np.sqrt(0.5), 0, 0)
 
 
 class Samples(NamedTuple):
@@ -105,85 +109,113 @@ def is_ignored(name: str) -> bool:
     return name.startswith("sigma_")
 
 
-def positions(table: Table) -> Float[np.ndarray, "n 3"]:
+def positions(table: Table, world: str) -> Float[np.ndarray, "n 3"]:
     """World positions of a table's rows; NaN where they are blank.
 
-    **Raises:** `FlightError` where only a part of a position is blank.
+    **Raises:** `FlightError` where only a part of a position is blank, and where it cannot be one: no latitude and longitude but
+    zeros among others that are elsewhere, or x, y, z of a wgs84 world that are not ECEF.
     """
     names = GEODETIC if "lat_deg" in table else CARTESIAN
-    values = np.stack([table[name] for name in names], axis=-1)
-    blank = np.isnan(values)
+    blank = np.stack([np.isnan(table[name]) for name in names], axis=-1)
     partly = blank.any(axis=1) & ~blank.all(axis=1)
     if partly.any():
         row = int(np.argmax(partly))
         table.fail(row, names[int(np.argmax(blank[row]))], "is blank while the rest of the position is given")
-    if names is CARTESIAN:
-        return values
-    known, out = ~blank[:, 0], np.full(values.shape, np.nan)
-    out[known] = positions_from_geodetic(*values[known].T)
-    return out
+    if names is GEODETIC:
+        _refuse_zeros(table)
+        lat, lon, height = (table[name] for name in names)
+        return ecef_positions(np.radians(lat), np.radians(lon), height)
+    position = np.stack([table[name] for name in names], axis=-1)
+    if world == "wgs84":
+        _refuse_what_is_not_ecef(table, position)
+    return position
 
 
-def positions_from_geodetic(lat_deg, lon_deg, height_m) -> Float[np.ndarray, "n 3"]:
-    """ECEF positions, on the host."""
-    zero = np.zeros(np.shape(lat_deg))
-    return ecef_samples(np.radians(lat_deg), np.radians(lon_deg), height_m, zero, zero, zero)[0]
+def _refuse_zeros(table: Table) -> None:
+    """Zeros are what many recorders write before they know where they are."""
+    lat, lon = table["lat_deg"], table["lon_deg"]
+    zero = (lat == 0) & (lon == 0)
+    elsewhere = np.maximum(np.abs(lat), np.abs(lon)) > 1
+    if zero.any() and elsewhere.any():
+        row, other = int(np.argmax(zero)), int(np.argmax(elsewhere))
+        what = f"both are exactly 0, while line {table.lines[other]} has {lat[other]:.10g}, {lon[other]:.10g}"
+        table.fail(row, "lat_deg, lon_deg", f"{what}; zeros that stand for missing data have to be taken out{_how_many(zero)}")
+
+
+def _refuse_what_is_not_ecef(table: Table, position_m: np.ndarray) -> None:
+    radius = np.linalg.norm(position_m, axis=1)
+    low, high = SEMI_MINOR_M + HEIGHT_LIMITS_M[0], SEMI_MAJOR_M + HEIGHT_LIMITS_M[1]
+    wrong = ~((radius >= low) & (radius <= high)) & ~np.isnan(radius)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        table.fail(
+            row,
+            ", ".join(CARTESIAN),
+            f"{', '.join(f'{c:.10g}' for c in position_m[row])} lies {radius[row] / 1e3:.6g} km from the Earth's centre, but "
+            f'positions in a wgs84 world are ECEF; coordinates of a map belong into a world of kind = "local", or have to be '
+            f"converted{_how_many(wrong)}",
+        )
+
+
+def _how_many(rows: np.ndarray) -> str:
+    return f" ({rows.sum()} of {len(rows)} lines)" if rows.sum() > 1 else ""
 
 
 def samples(table: Table, world: str, angles: str) -> Samples:
     """World positions, attitudes and velocities of a table's rows.
 
-    **Raises:** `FlightError` for a quaternion whose length is not 1.
+    **Raises:** `FlightError` for a position that cannot be one, and for a quaternion whose length is not 1.
     """
-    position = positions(table)
+    position, n = positions(table, world), len(table)
+    lat_lon = _lat_lon(table, position, world, angles)
     a = [np.asarray(table[name]) for name in ATTITUDE[angles]]
-    ned = _world_from_ned(table, position, world)
+    radians = lambda rows: (np.radians(column[rows]) for column in a)
     if angles == "roll_pitch_heading":
-        quaternion = quaternions_from_matrices(ned @ ned_from_body_matrices(*map(np.radians, a)))
+        ned = lambda rows: _NED_IN_LOCAL if world == "local" else ned_in_ecef(*(c[rows] for c in lat_lon))
+        quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(ned(rows), body_in_ned(*radians(rows))))
     elif angles == "opk":
-        grid = np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(len(table))
-        quaternion = quaternions_from_matrices(ned @ _NED_FROM_ENU @ _about(2, -grid) @ _from_opk(*map(np.radians, a)))
+        grid = np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(n)
+        enu = lambda rows: (0, 0, 0, 1) if world == "local" else _enu_in_ecef(*(c[rows] for c in lat_lon), grid[rows])
+        quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(enu(rows), _opk(*radians(rows))))
     else:
         quaternion = np.stack(a, axis=-1)
-        wrong = np.abs(np.linalg.norm(quaternion, axis=-1) - 1) > 1e-3
+        length = np.linalg.norm(quaternion, axis=-1)
+        wrong = np.abs(length - 1) > 1e-3
         if wrong.any():
             row = int(np.argmax(wrong))
-            table.fail(row, "qx, qy, qz, qw", f"the length of the quaternion is {np.linalg.norm(quaternion[row]):.4g}, not 1")
-    return Samples(position, quaternion, _velocity(table, ned))
+            table.fail(row, "qx, qy, qz, qw", f"the length of the quaternion is {length[row]:.4g}, not 1")
+    return Samples(position, quaternion, _velocity(table, world, lat_lon))
 
 
-def _velocity(table: Table, world_from_ned: np.ndarray) -> Float[np.ndarray, "n 3"] | None:
-    local, world = (all(name in table for name in names) for names in VELOCITIES)
-    if local and world:
+def _lat_lon(table: Table, position: np.ndarray, world: str, angles: str) -> tuple[np.ndarray, ...]:
+    """Latitude and longitude in radians, where attitudes or velocities refer to the local level of a wgs84 world."""
+    if world == "local" or (angles == "quaternion" and VELOCITIES[0][0] not in table):
+        return ()
+    return (np.radians(table["lat_deg"]), np.radians(table["lon_deg"])) if "lat_deg" in table else geodetic(position)[:2]
+
+
+def _velocity(table: Table, world: str, lat_lon: tuple[np.ndarray, ...]) -> Float[np.ndarray, "n 3"] | None:
+    local, xyz = (all(name in table for name in names) for names in VELOCITIES)
+    if local and xyz:
         raise FlightError(f"{table.file}, line 1: velocities are given twice, as vn_mps and as vx_mps; keep one form")
-    if local:
-        return np.einsum("...ij,...j->...i", world_from_ned, np.stack([table[n] for n in VELOCITIES[0]], axis=-1))
-    return np.stack([table[n] for n in VELOCITIES[1]], axis=-1) if world else None
-
-
-def _world_from_ned(table: Table, position: np.ndarray, world: str) -> np.ndarray:
+    if not local:
+        return np.stack([table[n] for n in VELOCITIES[1]], axis=-1) if xyz else None
+    north, east, down = (table[n] for n in VELOCITIES[0])
     if world == "local":
-        return np.broadcast_to(_LOCAL_FROM_NED, (len(position), 3, 3))
-    if "lat_deg" in table:
-        return ecef_from_ned_matrices(np.radians(table["lat_deg"]), np.radians(table["lon_deg"]))
-    lat, lon, _ = geodetic(position)
-    return ecef_from_ned_matrices(lat, lon)
+        return np.stack([east, north, -down], axis=-1)
+    return ecef_from_ned_vectors(*lat_lon, np.stack([north, east, down], axis=-1))
 
 
-def _about(axis: int, angle: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
-    """Active rotations about x, y or z."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.zeros((*np.shape(angle), 3, 3))
-    out[..., axis, axis] = 1.0
-    out[..., i, i] = out[..., j, j] = np.cos(angle)
-    out[..., j, i] = np.sin(angle)
-    out[..., i, j] = -out[..., j, i]
-    return out
+def _enu_in_ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, grid_rad: np.ndarray) -> Quaternion:
+    """The level axes of a map's grid: east, north, up, turned clockwise by the meridian convergence."""
+    return quaternion_product(
+        quaternion_product(turned("z", lon_rad + np.pi / 2), turned("x", np.pi / 2 - lat_rad)), turned("z", -grid_rad)
+    )
 
 
-def _from_opk(omega_rad, phi_rad, kappa_rad) -> Float[np.ndarray, "n 3 3"]:
+def _opk(omega_rad, phi_rad, kappa_rad) -> Quaternion:
     """Rx(omega) Ry(phi) Rz(kappa)."""
-    return _about(0, omega_rad) @ _about(1, phi_rad) @ _about(2, kappa_rad)
+    return quaternion_product(quaternion_product(turned("x", omega_rad), turned("y", phi_rad)), turned("z", kappa_rad))
 
 
 _ecef_to_geodetic = jax.jit(ecef_to_geodetic)

@@ -10,6 +10,7 @@ from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
 from .noise import noise_from_toml
+from .plain_names import check_names
 from .pos_errors import pos_errors_from_toml
 from .unknowns import unknowns_from_toml
 
@@ -22,7 +23,7 @@ def read_flight(folder: str | Path) -> Flight:
     - `folder`: holds flight.toml and the tables that it needs.
 
     **Returns:** the flight, checked: every measurement has a shot, and every point lies in front of its camera. What the tables
-    hold beyond what a flight keeps (accuracies of POS samples) is named in its notes.
+    hold beyond what a flight keeps (accuracies of POS samples), and what is odd in them, is named in its notes.
 
     **Raises:** `FlightError` naming the file, the line and the column (or the key) and what was expected; `RuntimeError` where
     float64 is off; `ImportError` where the extra "files" is not installed.
@@ -53,7 +54,8 @@ def read_flight(folder: str | Path) -> Flight:
         world=world,
         epoch=toml.epoch,
         reference_point=toml.pos.reference_point,
-        notes="\n".join([*([toml.notes] if toml.notes else []), *source.left_out]),
+        notes="\n".join([*([toml.notes] if toml.notes else []), *source.noted]),
     )
+    check_names(flight)
     check_flight(flight, lambda i: f"{table.place(i)} (image {table['image'][i]}, point {table['point'][i]})")
     return flight

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ..chain.samples import ecef_samples
 from ..rules import FlightError
+from .navigation import HEIGHT_LIMITS_M
 
 SUFFIXES = (".sbet", ".out")
 _FIELDS = (
@@ -24,8 +25,18 @@ _FIELDS = (
     *("wander_rad", "ax_mps2", "ay_mps2", "az_mps2", "wx_radps", "wy_radps", "wz_radps"),
 )
 RECORD = np.dtype([(name, "<f8") for name in _FIELDS])
-_LIMITS = {"lat_rad": np.pi / 2, "lon_rad": 2 * np.pi, "roll_rad": np.pi, "pitch_rad": np.pi / 2, "heading_rad": 4 * np.pi}
-_USED = ("time_s", "lat_rad", "lon_rad", "height_m", "roll_rad", "pitch_rad", "heading_rad", "wander_rad")
+# Smallest and largest of the fields that are used: angles within a turn (the heading is that of a frame that wanders by another).
+_FINITE, _TURN = np.finfo(np.float64).max, 2 * np.pi
+_LIMITS = {
+    "time_s": (-_FINITE, _FINITE),
+    "lat_rad": (-np.pi / 2, np.pi / 2),
+    "lon_rad": (-_TURN, _TURN),
+    "height_m": HEIGHT_LIMITS_M,
+    "roll_rad": (-_TURN, _TURN),
+    "pitch_rad": (-_TURN, _TURN),
+    "heading_rad": (-2 * _TURN, 2 * _TURN),
+    "wander_rad": (-_TURN, _TURN),
+}
 
 
 class SbetSamples(NamedTuple):
@@ -52,24 +63,35 @@ def read_sbet(path: Path) -> SbetSamples:
     size = path.stat().st_size
     if size == 0 or size % RECORD.itemsize:
         raise FlightError(f"{path.name}: {size} bytes are not whole SBET records of {RECORD.itemsize} bytes; is it a text file?")
-    records = np.fromfile(path, dtype=RECORD)
-    # A comparison with NaN is false.
-    wrong = np.stack([~(np.abs(records[name]) <= _LIMITS.get(name, np.finfo(float).max)) for name in _USED], axis=-1)
-    if wrong.any():
-        i, k = (int(n) for n in np.argwhere(wrong)[0])
-        value = records[_USED[k]][i]
+    records = np.memmap(path, dtype=RECORD, mode="r")  # only the fields that are used are copied
+    found = {name: np.array(records[name]) for name in _LIMITS}
+    _refuse_impossible(path.name, found)
+    time = found["time_s"]
+    repeats = np.diff(time) <= 0
+    if repeats.any():
+        i = int(np.argmax(repeats)) + 1
         raise FlightError(
-            f"{path.name}, record {i + 1}, {_USED[k]}: {value:.6g} is not possible; an SBET file holds radians in "
-            "little-endian float64"
-        )
-    steps = np.diff(records["time_s"])
-    if (steps <= 0).any():
-        i = int(np.argmax(steps <= 0)) + 1
-        raise FlightError(
-            f"{path.name}, record {i + 1}, time_s: {records['time_s'][i]:.10g} is not later than {records['time_s'][i - 1]:.10g} "
+            f"{path.name}, record {i + 1}, time_s: {time[i]:.10g} is not later than {time[i - 1]:.10g} "
             "before it; sort the records, and at the end of a GPS week add 604800 s"
         )
-    heading = np.remainder(records["heading_rad"] - records["wander_rad"], 2 * np.pi)
-    place = records["lat_rad"], records["lon_rad"], records["height_m"]
-    position, quaternion, _ = ecef_samples(*place, records["roll_rad"], records["pitch_rad"], heading)
-    return SbetSamples(np.array(records["time_s"]), position, quaternion)
+    heading = np.remainder(found["heading_rad"] - found["wander_rad"], _TURN)
+    place = found["lat_rad"], found["lon_rad"], found["height_m"]
+    position, quaternion, _ = ecef_samples(*place, found["roll_rad"], found["pitch_rad"], heading)
+    return SbetSamples(time, position, quaternion)
+
+
+def _refuse_impossible(file: str, found: dict[str, np.ndarray]) -> None:
+    """**Raises:** `FlightError` naming the first record with a value beyond its limits, and the first such field in it."""
+    first: dict[str, int] = {}
+    for name, (low, high) in _LIMITS.items():
+        # A comparison with NaN is false.
+        wrong = ~((found[name] >= low) & (found[name] <= high))
+        if wrong.any():
+            first[name] = int(np.argmax(wrong))
+    if first:
+        name = min(first, key=first.__getitem__)
+        i = first[name]
+        raise FlightError(
+            f"{file}, record {i + 1}, {name}: {found[name][i]:.6g} is not possible; an SBET file holds radians and metres in "
+            "little-endian float64"
+        )

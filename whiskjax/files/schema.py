@@ -19,6 +19,7 @@ Positive = Annotated[float, Field(gt=0)]
 Sigmas = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
 Sign = Literal[1, -1]
 Key = Literal["image", "swing", "view", "strip"]
+Interpolation = Literal["linear", "cubic"]
 
 
 class Model(pydantic.BaseModel):
@@ -86,6 +87,7 @@ class TrajectoryLink(Link):
     max_gap_s: Positive | None = None
     delay_s: float | None = None
     attitude_delay_s: float | None = None
+    interpolation: Interpolation = "linear"
 
 
 class PosesLink(Link):
@@ -129,6 +131,8 @@ class TurnLink(Link):
     delay_s: float | None = None
     zero_deg: float | None = None
     max_gap_s: Positive | None = None
+    interpolation: Interpolation = "linear"
+    wraps: bool | None = None
 
 
 _BASIS_KEYS = {

@@ -1,6 +1,7 @@
 """A flight folder being read: what is open, which images there are, what was left out."""
 
 import dataclasses
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..rules import FlightError
-from .tables import Column, Sheet, Table, open_sheet
+from .sheet import Sheet, open_sheet
+from .tables import Column, Table
 
 if TYPE_CHECKING:
     from .schema import FlightTable
@@ -24,12 +26,12 @@ _IMAGE_COLUMNS = (
 
 @dataclasses.dataclass
 class Source:
-    """The folder, its flight.toml, the tables opened so far, and notes of columns that nothing uses."""
+    """The folder, its flight.toml, the tables opened so far, and notes of what is odd or used by nothing."""
 
     folder: Path
     toml: "FlightTable"
     sheets: dict[str, Sheet] = dataclasses.field(default_factory=dict)
-    left_out: list[str] = dataclasses.field(default_factory=list)
+    noted: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def first_centre(self) -> float:
@@ -49,9 +51,14 @@ class Source:
 
     def leave_out(self, table: Table, why: str) -> None:
         """Note columns that nothing uses."""
-        note = f"{table.file}: {', '.join(table.left_out)} left out: {why}."
-        if table.left_out and note not in self.left_out:
-            self.left_out.append(note)
+        if table.left_out:
+            self.note([f"{table.file}: {', '.join(table.left_out)} left out: {why}."])
+
+    def note(self, sentences: Iterable[str]) -> None:
+        """Note what is odd; what the flight's notes say already, because it was read and written before, is not said again."""
+        for sentence in sentences:
+            if sentence not in self.noted and sentence not in self.toml.notes:
+                self.noted.append(sentence)
 
 
 def _images_table(sheet: Sheet) -> Table:

@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-import tomllib
 from pathlib import Path
 
 from ..rules import FlightError
-from .names import listed, meant
+from .names import listed, meant, shown
+from .toml_file import read_toml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,10 +23,7 @@ def read_standard(path: Path) -> Standard:
 
     **Raises:** `FlightError` naming the file and the key.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FlightError(f"{path}: not valid TOML: {error}") from error
+    data = read_toml(path, str(path))
     keys = [field.name for field in dataclasses.fields(Standard)]
     for key in data:
         if key not in keys:
@@ -37,6 +34,6 @@ def read_standard(path: Path) -> Standard:
     if not limits:
         raise FlightError(f"{path}: planimetry_m, height_m or both are expected: the largest RMSE of check points in metres")
     for key, value in limits.items():
-        if type(value) not in (int, float) or not (math.isfinite(value) and value > 0):
-            raise FlightError(f"{path}: {key}: a positive number of metres is expected, not {value!r}")
+        if type(value) not in (int, float) or not 0 < value < math.inf:
+            raise FlightError(f"{path}: {key}: a positive number of metres is expected, not {shown(value)}")
     return Standard(data["name"], **{key: float(value) for key, value in limits.items()})

@@ -1,17 +1,17 @@
-"""CSV tables: every column has a specification, and every refusal names the file, the line and the column."""
+"""CSV tables: what a column may hold, a table whose cells were checked, and tables as text."""
 
 import csv
 import dataclasses
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from jaxtyping import Float
 
 from ..rules import FlightError
-from .names import listed, meant
+
+# A code for missing data is this many times the range of all other numbers away from them, and farther than two turns.
+_TIMES_RANGE, _FARTHEST = 20.0, 720.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,12 +43,16 @@ class Column:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A checked table: columns by name (numbers as float arrays, texts as lists), and the line of each row in the file."""
+    """A checked table: columns by name (numbers as float arrays, texts as lists), and the line of each row in the file.
+
+    `cells` gives a row's cells as they are written, by column.
+    """
 
     file: str
     columns: Mapping[str, Any]
     lines: Sequence[int]
     left_out: tuple[str, ...] = ()
+    cells: Callable[[int], Mapping[str, str]] = lambda row: {}
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -77,127 +81,6 @@ class Table:
         raise FlightError(f"{self.place(row, column)}: {what}")
 
 
-@dataclasses.dataclass(frozen=True)
-class Sheet:
-    """A table as text: header and cells, nothing checked but the number of cells in each row."""
-
-    file: str
-    header: tuple[str, ...]
-    rows: list[list[str]]
-    lines: list[int]
-
-    def parse(
-        self,
-        columns: Iterable[Column],
-        *,
-        pattern: Callable[[str], Column | None] = lambda name: None,
-        ignore: Callable[[str], bool] = lambda name: False,
-    ) -> Table:
-        """Check every cell.
-
-        **Arguments:** the columns expected; `pattern` may give the specification of further ones by name; those for which
-        `ignore` holds are left out and listed in `left_out`.
-
-        **Raises:** `FlightError` for a missing or unknown column, and for a cell that its column does not allow.
-        """
-        expected = {column.name: column for column in columns}
-        for name, column in expected.items():
-            if column.required and name not in self.header:
-                raise FlightError(
-                    f"{self.file}, line 1: the column {name} is missing{meant(name, set(self.header) - set(expected))}; "
-                    f"the header has {listed(self.header)}"
-                )
-        found: dict[str, Any] = {}
-        left_out = []
-        for k, name in enumerate(self.header):
-            column = expected.get(name) or pattern(name)
-            if column is not None:
-                found[name] = self._check(column, [row[k].strip() for row in self.rows])
-            elif ignore(name):
-                left_out.append(name)
-            else:
-                raise FlightError(
-                    f"{self.file}, line 1: no column {name!r} is known here{meant(name, expected)}; expected are "
-                    f"{', '.join(expected)}"
-                )
-        return Table(self.file, found, self.lines, tuple(left_out))
-
-    def _check(self, column: Column, cells: list[str]) -> Any:
-        empty = [not cell for cell in cells]
-        if not column.blank and any(empty):
-            self._fail(empty.index(True), column, "is blank, and a value is needed")
-        if column.text or column.choices:
-            for i, cell in enumerate(cells):
-                if column.choices and cell and cell not in column.choices:
-                    self._fail(i, column, f"{cell!r} is not one of {', '.join(column.choices)}")
-            return [cell or None for cell in cells]
-        return self._numbers(column, cells, np.array(empty, dtype=bool))
-
-    def _numbers(self, column: Column, cells: list[str], empty: np.ndarray) -> Float[np.ndarray, " n"]:
-        try:
-            values = np.array([cell or "nan" for cell in cells], dtype=np.float64)
-        except ValueError:
-            self._fail(next(i for i, cell in enumerate(cells) if cell and not _is_number(cell)), column, "is not a number", cells)
-        wrong = ~np.isfinite(values) & ~empty
-        if wrong.any():
-            self._fail(int(np.argmax(wrong)), column, "is not a finite number", cells)
-        wrong = ~((values >= column.low) & (values <= column.high)) & ~empty
-        what = f"lies outside {column.low:g} to {column.high:g}" if np.isfinite(column.high) else f"is less than {column.low:g}"
-        if column.positive:
-            wrong, what = ~(values > 0) & ~empty, "is not positive"
-        if wrong.any():
-            self._fail(int(np.argmax(wrong)), column, f"{what}; {column.hint}" if column.hint else what, cells)
-        return values
-
-    def _fail(self, row: int, column: Column, what: str, cells: list[str] | None = None) -> NoReturn:
-        value = f"{cells[row]!r} " if cells else ""
-        raise FlightError(f"{self.file}, line {self.lines[row]}, column {column.name}: {value}{what}")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def open_sheet(folder: Path, file: str, needed_by: str) -> Sheet:
-    """Read a CSV file as text.
-
-    **Arguments:** `needed_by`: who asks, for the message where the file does not exist.
-
-    **Raises:** `FlightError` where the file does not exist, has no header or no row, names a column twice, or where a row has
-    too many or too few cells.
-    """
-    path = folder / file
-    if not path.is_file():
-        there = listed(sorted(p.name for p in folder.iterdir()))
-        raise FlightError(f"{file} does not exist, but {needed_by} needs it; the folder holds {there}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FlightError(f"{file}: not a UTF-8 text file: {error}") from error
-    reader = csv.reader(io.StringIO(text, newline=""))
-    header: tuple[str, ...] = tuple(name.strip() for name in next(reader, []))
-    if not header:
-        raise FlightError(f"{file}, line 1: the header with the names of the columns is missing")
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise FlightError(f"{file}, line 1: columns are separated by commas, not as in {header[0]!r}")
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise FlightError(f"{file}, line 1: the column {twice[0]!r} is there twice")
-    rows, lines = [], []
-    for row in reader:
-        if not row:
-            continue
-        if len(row) != len(header):
-            raise FlightError(f"{file}, line {reader.line_num}: {len(row)} cells, but the header names {len(header)} columns")
-        rows.append(row)
-        lines.append(reader.line_num)
-    return Sheet(file, header, rows, lines)
-
-
 def check_increasing(table: Table, column: str, rows: np.ndarray | None = None, owner: str = "") -> None:
     """Refuse numbers that repeat or go back.
 
@@ -215,6 +98,25 @@ def check_increasing(table: Table, column: str, rows: np.ndarray | None = None, 
             f"{owner}{values[i + 1]:.10g} {kind} line {table.lines[rows[i]]} ({values[i]:.10g}); "
             f"sort the lines by {column} and remove duplicates",
         )
+
+
+def refuse_codes(table: Table, column: str, rows: np.ndarray) -> None:
+    """Refuse numbers of a series that lie so far from all others that they can only be codes for missing data, as -9999.
+
+    **Arguments:** `rows`: those where the column is not blank.
+    """
+    values = table[column][rows]
+    order = np.argsort(values)
+    gaps = np.diff(values[order])
+    if len(gaps) < 2:
+        return
+    cut = int(np.argmax(gaps)) + 1
+    few, many = sorted((order[:cut], order[cut:]), key=len)
+    low, high = float(values[many].min()), float(values[many].max())
+    if len(few) <= max(1, len(values) // 10) and gaps[cut - 1] > max(_FARTHEST, _TIMES_RANGE * (high - low)):
+        row = int(rows[few.min()])
+        what = f"{values[few.min()]:.10g} lies far from all others, which are {low:.6g} to {high:.6g}"
+        table.fail(row, column, f"{what}; where it stands for missing data, leave the cell blank")
 
 
 def exact(values: Any) -> list[str]:

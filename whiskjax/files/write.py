@@ -1,7 +1,8 @@
 """Write a flight folder: whole, or not at all."""
 
+import contextlib
 import os
-import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ from .measured import OBSERVATIONS, POINTS, SIGMAS
 from .names import listed
 from .navigation import position_texts
 from .noise import noise_to_toml
+from .plain_names import check_names
 from .pos_errors import pos_errors_to_toml
 from .source import IMAGES
 from .tables import exact, table_text, texts
 from .toml_text import toml_text
 from .units import floats
 from .unknowns import unknown_to_toml
+from .whole_folder import check_before, whole_folder
 
 _SUFFIXES = (".csv", ".sbet", ".out")
 
@@ -35,57 +38,64 @@ def write_flight(flight: Flight, folder: str | Path, *, overwrite: bool = False)
     - `folder`: is created, with its parents; an empty one is filled.
     - `overwrite`: replace a folder that is a flight folder and nothing else.
 
-    **Returns:** the folder. Everything is written beside it first and then renamed, so that no half of a flight is ever left.
+    **Returns:** the folder. Everything is written beside it first and then takes its place in one step (`whole_folder`), so that
+    no half of a flight is ever seen or left.
     In ECEF worlds positions are written as latitude, longitude, height and attitudes as roll, pitch, heading, good to the
     rounding of float64 (some 1e-9 m); in local ones as x, y, z and quaternions, exactly.
 
     **Raises:** `FlightError` where the folder is in the way, or where a link or camera has no form on disk.
     """
     require_x64("write_flight")
-    folder = Path(os.path.abspath(folder))
-    _refuse_to_destroy(folder, overwrite)
-    files = flight_files(flight)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    new = folder.with_name(f".{folder.name}.writing-{os.getpid()}")
-    old = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")
-    new.mkdir()
-    try:
-        for name, text in files.items():
-            (new / name).write_text(text, encoding="utf-8", newline="")
-        if folder.exists():
-            folder.rename(old)
-        try:
-            new.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
-        if folder.exists():
-            shutil.rmtree(old, ignore_errors=True)
-    return folder
+    with flight_folder(folder, overwrite=overwrite) as new:
+        write_files(flight, new)
+    return Path(os.path.abspath(folder))
 
 
-def _refuse_to_destroy(folder: Path, overwrite: bool) -> None:
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise FlightError(f"{folder} is a file; give the name of a folder")
+def write_files(flight: Flight, folder: Path) -> None:
+    """Every file of a flight into a folder that is there."""
+    for name, text in flight_files(flight).items():
+        (folder / name).write_text(text, encoding="utf-8", newline="")
+
+
+@contextlib.contextmanager
+def flight_folder(folder: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """A new folder for the files of a flight, which takes the place of `folder` when the block ends well.
+
+    **Raises:** `FlightError`, before the block begins, where the folder is in the way.
+    """
+    check_flight_place(folder, overwrite=overwrite)
+    with whole_folder(folder, lambda old: _refuse_to_destroy(old, overwrite)) as new:
+        yield new
+
+
+def check_flight_place(folder: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse a place where no flight can be written, or where it would destroy something.
+
+    **Raises:** `FlightError`.
+    """
+    check_before(folder, lambda old: _refuse_to_destroy(old, overwrite))
+
+
+def _refuse_to_destroy(folder: Path, overwrite: bool) -> list[str]:
+    """What is kept of a flight that is replaced: nothing; **raises** where that would be a loss."""
     there = sorted(folder.iterdir())
     if not there:
-        return
+        return []
     if not (folder / NAME).is_file():
         raise FlightError(f"{folder} is not empty and not a flight folder; give another name")
     if not overwrite:
-        raise FlightError(f"{folder} holds a flight already; give another name, or pass overwrite=True")
+        raise FlightError(
+            f"{folder} holds a flight already; give another name, or replace it with overwrite=True (simulate: --force)"
+        )
     others = [p.name for p in there if p.is_dir() or (p.name != NAME and p.suffix not in _SUFFIXES)]
     if others:
         raise FlightError(f"{folder} holds more than a flight ({listed(others)}), which replacing it would delete; move it away")
+    return []
 
 
 def flight_files(flight: Flight) -> dict[str, str]:
     """Every file of the folder as text, by name."""
+    check_names(flight)
     tables = Tables()
     chain = chain_to_toml(flight, tables)
     camera = camera_to_toml(flight.sensor.camera, tables)

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
@@ -19,7 +19,7 @@ from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
-from ..rules import Arrays, FlightError, need
+from ..rules import Arrays, FlightError, Numbers, need
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,6 +270,6 @@ class Flight:
 
 
 @jax.jit
-def _ecef_from_enu(point_m: Float[ArrayLike, "n 3"]) -> Float[Array, "n 3 3"]:
+def _ecef_from_enu(point_m: Float[Numbers, "n 3"]) -> Float[Array, "n 3 3"]:
     lat, lon, _ = ecef_to_geodetic(point_m)
     return enu_rotation(lat, lon)

@@ -171,7 +171,7 @@ def ask(sizes: Sizes, on_question: Callable[[str], None] = lambda question: None
         asked(2, lambda: blunders(range(_UNSEEN, _UNSEEN + sizes.blunders))),
         {
             "shared": asked(3, lambda: model_choice(range(sizes.models), truth=SHARED, drift=False)),
-            "split": asked(4, lambda: model_choice(range(-(-sizes.models // 5)))),
+            "split": asked(4, lambda: model_choice(range(-(-sizes.models // 5)), drift=True)),
         },
         asked(5, lambda: pos_errors(sizes.pos)),
         asked(6, lambda: honest_covariance(sizes.honesty)),

@@ -42,7 +42,7 @@ Change = Callable[[Flight, Observations], dict[str, Any]]
 
 @functools.lru_cache(maxsize=2)  # one seed is asked many times in a row
 def _exact(seed: int) -> tuple[Flight, Observations]:
-    flight = simulate(seed, noise=False)
+    flight = simulate(seed, noise=False, drift=True)
     return flight, flight.observations()
 
 
@@ -88,7 +88,7 @@ def weights(seeds: Sequence[int]) -> Weights:
     """Sigmas of each image and axis wrong by 3, up or down; all prior sigmas wrong by 30."""
     rows = []
     for seed in seeds:
-        flight, draw = simulate(seed), np.random.default_rng([seed, 1])
+        flight, draw = simulate(seed, drift=True), np.random.default_rng([seed, 1])
         right = flight.observations()
         image = np.array([list(SCENES).index(name) for name in right.images])
         factor = 3.0 ** draw.choice([-1, 1], (len(SCENES), 2))
@@ -97,7 +97,7 @@ def weights(seeds: Sequence[int]) -> Weights:
         def error(answer: Calibration, seed: int = seed) -> float:
             return prediction_error_px(answer.sensor, seed)
 
-        found = solved(flight, observations=wrong, reweigh=Reweigh(priors={}))
+        found = solved(flight, observations=wrong, reweigh=Reweigh())
         assert found.components is not None
         # The first four groups are x and y of L1 and R1 in this order: the images that have control points.
         ratio = (found.components.factor[:4].reshape(2, 2) * factor[:2]).ravel()
@@ -110,7 +110,7 @@ def weights(seeds: Sequence[int]) -> Weights:
                 ratio,
                 found.components.log_sigma[:4],
                 [error(solved(flight, unknowns=prior)) for prior in priors],
-                [error(solved(flight, unknowns=prior, reweigh=Reweigh())) for prior in priors],
+                [error(solved(flight, unknowns=prior, reweigh=Reweigh(priors=True))) for prior in priors],
             )
         )
     return Weights(*map(np.array, zip(*rows, strict=True)))
@@ -154,7 +154,7 @@ def drift(seeds: Sequence[int]) -> dict[str, dict[str, Float[np.ndarray, " seeds
     """Noise-free prediction error (px) of every image, by kind of drift; "none" without anchor points, as the paper."""
     out: dict[str, dict[str, list[float]]] = {kind: {name: [] for name in SCENES} for kind in DRIFTS}
     for seed in seeds:
-        flight = simulate(seed)
+        flight = simulate(seed, drift=True)
         for kind in DRIFTS:
             sensor, more = drifting(flight.sensor, kind)
             found = flight.observations() if kind == "none" else anchored(flight.observations())
@@ -214,7 +214,7 @@ def blunders(seeds: Sequence[int]) -> dict[tuple[str, float], Spoilt]:
     """Every kind and share of `SPOILT` on every seed."""
     out: dict[tuple[str, float], list] = {case: [] for case in SPOILT}
     for seed in seeds:
-        flight = simulate(seed)
+        flight = simulate(seed, drift=True)
         good = flight.observations()
 
         def error(seed: int = seed, flight: Flight = flight, **change: Any) -> tuple[float, Calibration]:
@@ -301,7 +301,7 @@ def pos_errors(runs: int) -> PosErrors:
     sigma = np.concatenate(PRIOR_SIGMA)
 
     def flights() -> Iterator[Flight]:
-        return (simulate(run, truth=drawn_truth(run)) for run in range(runs))
+        return (simulate(run, truth=drawn_truth(run), drift=True) for run in range(runs))
 
     def control(flight: Flight) -> Observations:
         found = flight.observations()

@@ -137,7 +137,7 @@ def study(seeds: Sequence[int], on_run: Callable[[int, int], None] = lambda unkn
         def runs() -> Iterator[tuple[Sensor, Observations]]:
             for seed in seeds:
                 on_run(len(model.unknowns), seed)
-                yield run_of(model, simulate(seed))
+                yield run_of(model, simulate(seed, drift=True))
 
         batch = calibrate_batch(runs(), model.unknowns)
         if not batch.is_successful.all():

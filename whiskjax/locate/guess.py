@@ -4,12 +4,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..chain.imaging import image_to_ground
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import Arrays, WhiskjaxError, is_traced, need, raise_failures, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, raise_failures, require_x64
+from ..rules.spread import refuse_covariances
 from .looks import Looks
 
 # Horizontal sigmas in degrees beside a height in metres (paper 003, equation 19) differ by 1e5; no target is known so well.
@@ -25,7 +26,7 @@ class Guess(eqx.Module):
     point_m: Float[Array, "3"] = eqx.field(converter=jnp.asarray)
     covariance_enu_m2: Float[Array, "3 3"] = eqx.field(converter=jnp.asarray)
 
-    def __init__(self, point_m: Float[ArrayLike, "3"], covariance_enu_m2: Float[ArrayLike, "3 3"]):
+    def __init__(self, point_m: Float[Numbers, "3"], covariance_enu_m2: Float[Numbers, "3 3"]):
         require_x64("Guess")
         arrays = Arrays("Guess")
         self.point_m = arrays.take("point_m", point_m, "3", absolute=True, finite=True, meaning="x, y, z of the world frame")
@@ -36,13 +37,13 @@ class Guess(eqx.Module):
             _check_covariance(np.asarray(self.covariance_enu_m2))
 
     @classmethod
-    def around(cls, point_m: Float[ArrayLike, "3"], sigma_enu_m: Float[ArrayLike, "3"]) -> "Guess":
+    def around(cls, point_m: Float[Numbers, "3"], sigma_enu_m: Float[Numbers, "3"]) -> "Guess":
         """A point with independent 1-sigma east, north, up in metres."""
         sigma = jnp.asarray(take_sigma(Arrays("Guess.around"), sigma_enu_m))
         return cls(point_m, jnp.diag(sigma * sigma))
 
 
-def take_sigma(arrays: Arrays, sigma_enu_m: Float[ArrayLike, "3"]) -> Float[Array, "3"]:
+def take_sigma(arrays: Arrays, sigma_enu_m: Float[Numbers, "3"]) -> Float[Array, "3"]:
     """How far off a target may be, 1-sigma east, north, up, as somebody's argument of that name."""
     return arrays.take("sigma_enu_m", sigma_enu_m, "3", finite=True, above=0.0, meaning="east, north, up, in metres")
 
@@ -53,6 +54,7 @@ def _check_covariance(covariance: Float[np.ndarray, "3 3"]) -> None:
     least = float(np.linalg.eigvalsh(covariance)[0])
     if not least > 0:
         raise WhiskjaxError(f"guess: the covariance must be positive definite, but its least eigenvalue is {least:g} m^2")
+    refuse_covariances(covariance[None], lambda _: "guess: covariance_enu_m2")
     east, north, up = np.sqrt(np.diag(covariance))
     if max(east, north) < _LIKE_DEGREES * up:
         raise WhiskjaxError(
@@ -62,7 +64,7 @@ def _check_covariance(covariance: Float[np.ndarray, "3 3"]) -> None:
 
 
 def first_guess(
-    sensor: Sensor, looks: Looks, surface: AbstractSurface, sigma_enu_m: Float[ArrayLike, "3"], *, throw: bool = True
+    sensor: Sensor, looks: Looks, surface: AbstractSurface, sigma_enu_m: Float[Numbers, "3"], *, throw: bool = True
 ) -> Guess:
     """Intersection of the first look that has a measurement with a surface (paper 003, equations 9 and 10).
 

@@ -7,19 +7,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import stack, unstack, vadd
+from ..chain.extremes import refuse_extremes
+from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, need_unknowns
-from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, is_traced, need
+from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need
+from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
 from .filter import Step, run
 from .guess import Guess, first_guess, take_sigma
-from .location import Location, LookByLook
+from .location import Location, LookByLook, impossible_looks
 from .looks import Looks
 from .model import Model
 from .motion import ConstantVelocity
@@ -40,7 +43,7 @@ def locate(
     *,
     guess: Guess | None = None,
     surface: AbstractSurface | None = None,
-    sigma_enu_m: Float[ArrayLike, "3"] | None = None,
+    sigma_enu_m: Float[Numbers, "3"] | None = None,
     noise: Sequence[FrameNoise] = (),
     method: str = "iterated",
     estimate: Sequence[Unknown] = (),
@@ -91,6 +94,7 @@ def locate(
         need_unknowns("locate", "consider", consider)
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
+    refuse_extremes(sensor, "locate")
     for frame in noise:
         frame.check(sensor)
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
@@ -106,6 +110,8 @@ def locate(
         take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
     sensor, nuisance = gather(sensor, estimate, consider)
+    if not is_traced(looks.pixel_px):
+        tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
     answer = _solve(Problem(sensor, looks, guess, surface, tuple(noise), nuisance, motion), method, nis)
     if throw:
@@ -121,14 +127,14 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     if method == "batch":
         found = solve(model, prior, at_last(model, prior)[0], _BATCH_STEPS, gate_nis)
         state, covariance, chi_square = found.state, found.covariance, found.cost
-        looks = _of_batch(model, found, is_missed, poses)
+        looks = _of_batch(model, found, is_missed, poses, _at_end(model, state))
         lost = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged)
     else:
         belief, steps = run(model, prior, _RELINEARISED[method], gate_nis)
         state, covariance, looks = (
             jnp.stack(belief.state),
             as_matrix(belief.covariance),
-            _of_filter(model, steps, is_missed, poses),
+            _of_filter(model, steps, is_missed, poses, _at_end(model, jnp.stack(belief.state))),
         )
         chi_square = jnp.where(looks.is_used, looks.nis, 0.0).sum()
         taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
@@ -149,6 +155,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         failure_if((2 * unseen.sum() > measured.sum()) | (looks.counts.any() & ~looks.is_used.any()), RESULTS.diverged),
         failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
         lost,
+        _first_code(choose(looks.impossible, looks.at_end, RESULTS.successful)),
     )
     answered = is_successful(result)
     enu = as_matrix(problem.surface.level(unstack(ended)))
@@ -174,7 +181,17 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     )
 
 
-def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
+def _at_end(model: Model, state: Float[Array, " n"]) -> RESULTS:
+    """Of each look, whether it can have seen the target of a state of the last look; a target that moves did so evenly."""
+    kinematic = model.kinematic
+    moved = [0.0] * 3 if model.since_s is None else [model.since_s * state[3 + i] for i in range(3)]
+    point = tuple(a + state[i] + moved[i] + jnp.zeros(model.pixel_px[0].shape) for i, a in enumerate(model.anchor_m))
+    sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
+    seen = sensor.camera_at(model.shots).check_direction(into_camera(sensor, model.shots, point))
+    return jax.tree.map(lambda code: code + jnp.zeros(point[0].shape, jnp.int32), seen)
+
+
+def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS, at_end: RESULTS) -> LookByLook:
     (state, covariance), innovation = steps.belief, steps.innovation
     s00, s01, s11 = innovation.covariance
     residual, spread = _in_pixels(model, stack(innovation.residual), as_matrix(((s00, s01), (s01, s11))), is_missed)
@@ -188,10 +205,11 @@ def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], resu
         result=result,
         counts=steps.counts,
         passes=jnp.broadcast_to(steps.passes, is_missed.shape),
+        at_end=at_end,
     )
 
 
-def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], result: RESULTS) -> LookByLook:
+def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], result: RESULTS, at_end: RESULTS) -> LookByLook:
     """A batch knows one answer; of a moving target it is where that was at each look."""
     looks = found.nis.shape[0]
     moved = 0.0 if model.since_s is None else model.since_s[:, None] * found.state[None, 3:6]
@@ -206,6 +224,7 @@ def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], res
         result=result,
         counts=found.equations.counts,
         passes=found.passes,
+        at_end=at_end,
     )
 
 
@@ -230,4 +249,5 @@ def _raise(answer: Location) -> None:
     if bool(answer.result == RESULTS.depth_unobservable):
         point, direction = (np.asarray(v).round(6).tolist() for v in (answer.line_m, answer.line_direction))
         line = f". The line: through {point} m along {direction} (world frame)"
-    raise SensorError(f"locate: {message_of(code)}{line}")
+    named = "".join(f"; {said}" for said in impossible_looks(answer))
+    raise SensorError(f"locate: {message_of(code)}{named}{line}")

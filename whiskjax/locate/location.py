@@ -4,12 +4,12 @@ import math
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.diagnosis import UNLIKELY, chi_square_tail
-from ..rules import RESULTS
+from ..rules import RESULTS, Numbers
 from ..rules.results import codes_of, is_successful, message_of
 
 _WEAK_RAD = math.radians(2.0)
@@ -22,7 +22,7 @@ class LookByLook(eqx.Module):
     `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
     before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
     residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
-    whether its pose is known.
+    whether its pose is known, `at_end` whether it can have seen the target where the estimate ended.
     """
 
     point_m: Float[Array, "looks 3"]
@@ -34,11 +34,17 @@ class LookByLook(eqx.Module):
     result: RESULTS
     counts: Bool[Array, " looks"]
     passes: Bool[Array, " looks"]
+    at_end: RESULTS
 
     @property
     def is_used(self) -> Bool[Array, " looks"]:
         """Which looks changed the estimate."""
         return self.counts & self.passes
+
+    @property
+    def impossible(self) -> Bool[Array, " looks"]:
+        """Looks that changed the estimate, and cannot have seen the target where it ended."""
+        return self.is_used & ~is_successful(self.at_end)
 
 
 class Location(eqx.Module):
@@ -81,7 +87,7 @@ class Location(eqx.Module):
         lat, lon, height = ecef_to_geodetic(self.point_m)
         return math.degrees(lat), math.degrees(lon), float(height)
 
-    def accuracy(self, bias_enu_m: Float[ArrayLike, "3"] | None = None) -> Accuracy:
+    def accuracy(self, bias_enu_m: Float[Numbers, "3"] | None = None) -> Accuracy:
         """CEP50, CE90, LE90 and SE90: exact quantiles for the covariance and a bias, if one is known."""
         return accuracy(self.covariance_enu_m2, bias_enu_m)
 
@@ -124,6 +130,7 @@ class Location(eqx.Module):
         said = []
         if not bool(is_successful(self.result)):
             said.append(message_of(int(codes_of(self.result))))
+        said += impossible_looks(self)
         n, used = self.looks.nis.shape[0], int(self.looks.is_used.sum())
         if self.tail_probability <= UNLIKELY:
             factor = float(self.chi_square) / max(self.freedom, 1)
@@ -148,3 +155,13 @@ class Location(eqx.Module):
                 f"{float(self.line_sigma_m):.3g} m (1-sigma, looks alone)"
             )
         return tuple(said)
+
+
+def impossible_looks(answer: Location) -> list[str]:
+    """Names the first look that cannot have seen the target where the estimate ended, and how many there are; empty for none."""
+    wrong = np.flatnonzero(np.asarray(answer.looks.impossible))
+    if not wrong.size:
+        return []
+    more = f" ({len(wrong)} of {answer.looks.nis.shape[0]} looks fail)" if len(wrong) > 1 else ""
+    code = int(codes_of(answer.looks.at_end)[wrong[0]])
+    return [f"where the estimate ended, look {wrong[0]}: {message_of(code)}{more}"]

@@ -3,10 +3,11 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..chain.shot import Shot
-from ..rules import Arrays, WhiskjaxError, is_traced, need, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, require_x64
+from ..rules.spread import refuse_sigmas, refuse_sizes
 
 
 class Looks(eqx.Module):
@@ -26,7 +27,7 @@ class Looks(eqx.Module):
     pixel_px: Float[Array, "looks 2"] = eqx.field(converter=jnp.asarray)
     sigma_px: Float[Array, "*looks 2"] = eqx.field(converter=jnp.asarray)
 
-    def __init__(self, shot: Shot, pixel_px: Float[ArrayLike, "looks 2"], sigma_px: Float[ArrayLike, "*looks 2"]):
+    def __init__(self, shot: Shot, pixel_px: Float[Numbers, "looks 2"], sigma_px: Float[Numbers, "*looks 2"]):
         require_x64("Looks")
         need("Looks", "shot", shot, Shot, "Shot(time_s=...)")
         arrays = Arrays("Looks")
@@ -36,13 +37,18 @@ class Looks(eqx.Module):
         shot.fit(arrays, "looks")
 
     def __check_init__(self):
-        pixel, time = self.pixel_px, self.shot.time_s
+        pixel, sigma, time = self.pixel_px, self.sigma_px, self.shot.time_s
         if len(pixel) == 0:
             raise WhiskjaxError("looks: there is none; one look gives a line, two from different places a point")
         if time is not None:
             Arrays("Looks").fit("shot.time_s", time.shape, str(len(pixel)))
         if not is_traced(pixel) and np.isinf(np.asarray(pixel)).any():
             raise WhiskjaxError(f"looks: the pixel of look {int(np.argwhere(np.isinf(np.asarray(pixel)))[0, 0])} is infinite")
+        if not is_traced(pixel):
+            refuse_sizes(np.asarray(pixel), lambda i: f"looks: the pixel of look {i}")
+        if not is_traced(sigma):
+            each = sigma.ndim == 2
+            refuse_sigmas(np.atleast_2d(np.asarray(sigma)), lambda i: f"looks: sigma_px{f' of look {i}' if each else ''}")
         if time is not None and not is_traced(time):
             _check_order(np.asarray(time))
 

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import equinox as eqx
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, Mat3, add, matmul, mul, transpose
 from ..chain.camera import parameter
-from ..rules import Arrays
+from ..rules import Arrays, Numbers
 from .update import Covariance, State
 
 
@@ -24,7 +24,7 @@ class ConstantVelocity(eqx.Module):
     sigma_enu_mps: Float[Array, "3"] = eqx.field(converter=parameter)
     acceleration_enu: Float[Array, "3"] = eqx.field(converter=parameter)
 
-    def __init__(self, sigma_enu_mps: Float[ArrayLike, "3"], acceleration_enu: Float[ArrayLike, "3"] = (0.0, 0.0, 0.0)):
+    def __init__(self, sigma_enu_mps: Float[Numbers, "3"], acceleration_enu: Float[Numbers, "3"] = (0.0, 0.0, 0.0)):
         """**Raises:** `WhiskjaxError` where there are not three numbers of each, or one is negative or not finite."""
         arrays, axes = Arrays("ConstantVelocity"), "east, north, up"
         self.sigma_enu_mps = arrays.take("sigma_enu_mps", sigma_enu_mps, "3", finite=True, least=0.0, meaning=axes)

@@ -5,14 +5,15 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
 from ..chain.pose import Motion
 from ..chain.sensor import Sensor
 from ..chain.sweep import Sweep
 from ..chain.turn import as_parameter
-from ..rules import Arrays, WhiskjaxError, is_traced, need
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
+from ..rules.spread import refuse_sigmas
 
 
 def _sigmas(arrays: Arrays, name: str, values: Any, within_rad: float | None = None) -> Vec3:
@@ -43,8 +44,8 @@ class FrameNoise(eqx.Module):
     def __init__(
         self,
         frame: str,
-        turn_sigma_rad: Sequence[Float[ArrayLike, "..."]] = (0, 0, 0),
-        shift_sigma_m: Sequence[Float[ArrayLike, "..."]] = (0, 0, 0),
+        turn_sigma_rad: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
+        shift_sigma_m: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
     ):
         """**Raises:** `WhiskjaxError` where there are not three sigmas of each, or one is negative, not finite or in degrees."""
         need("FrameNoise", "frame", frame, str)
@@ -54,9 +55,13 @@ class FrameNoise(eqx.Module):
         self.shift_sigma_m = _sigmas(arrays, "shift_sigma_m", shift_sigma_m)
 
     def check(self, sensor: Sensor) -> None:
-        """**Raises:** `WhiskjaxError` where the sensor has no such frame."""
+        """**Raises:** `WhiskjaxError` where the sensor has no such frame, or a sigma is none that anything can be weighed by."""
         if self.frame not in sensor.names:
             raise WhiskjaxError(f"no frame named {self.frame!r}; there are {', '.join(sensor.names)}")
+        for kind, sigmas in (("turn_sigma_rad", self.turn_sigma_rad), ("shift_sigma_m", self.shift_sigma_m)):
+            for sigma in sigmas:
+                if not is_traced(sigma):
+                    refuse_sigmas(np.atleast_1d(sigma), lambda _, kind=kind: f"noise of {self.frame}: {kind}", zero=True)
 
 
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))

@@ -1,6 +1,7 @@
 """What every room obeys: one enumeration of numerical failures, one family of errors, float64 where it matters."""
 
 from .arrays import Arrays as Arrays
+from .arrays import Numbers as Numbers
 from .errors import FlightError as FlightError
 from .errors import SensorError as SensorError
 from .errors import WhiskjaxError as WhiskjaxError

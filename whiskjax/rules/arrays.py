@@ -1,14 +1,18 @@
 """The one check of every array that enters a public class or function: numbers, shape and precision, refused in our own words."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from .errors import WhiskjaxError
 from .precision import is_traced
+
+# What a public argument may be given as: an array, a number, or numbers in tuples and lists.
+Numbers: TypeAlias = ArrayLike | Sequence[float] | Sequence[Sequence[float]]
 
 
 class Arrays:

@@ -23,6 +23,7 @@ class RESULTS(eqx.Enumeration):
     unknown_key = "the shot's image, swing, view or strip index is not one that the sensor has"
     point_behind_camera = "the point lies behind the camera"
     outside_swath = "the point is not seen within the given time window or detector"
+    seen_more_than_once = "the point is seen more than once within the given time window: give a narrower window"
     distortion_not_invertible = "the pixel lies outside the radius where the lens distortion can be undone"
     not_converged = "the iteration did not converge; look at the start values, the weights and blunders"
     depth_unobservable = (

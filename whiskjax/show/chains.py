@@ -62,7 +62,7 @@ def draw_chains(sensors: Mapping[str, Sensor]) -> "Figure":
     axes = figure.add_subplot()
     for row, (title, sensor) in enumerate(sensors.items()):
         y = -1.25 * row
-        axes.text(-0.25, y, title, ha="right", va="center", fontsize=10, fontweight="bold")
+        axes.text(-0.25, y, title, ha="right", va="center", fontsize=10, fontweight="bold", parse_math=False)
         boxes = [(name, *_words(sensor[name])) for name in sensor.names] + [("pixel", *_words(sensor.camera))]
         for column, (frame, kind, detail) in enumerate(boxes):
             colour = _COLOURS.get(kind, _COLOURS["camera"])
@@ -77,7 +77,9 @@ def draw_chains(sensors: Mapping[str, Sensor]) -> "Figure":
             )
             axes.add_patch(box)
             axes.text(column * 1.3 + 0.54, y + 0.26, kind, ha="center", va="center", fontsize=9, color="black")
-            axes.text(column * 1.3 + 0.54, y - 0.03, detail, ha="center", va="center", fontsize=7, color="black")
+            axes.text(
+                column * 1.3 + 0.54, y - 0.03, detail, ha="center", va="center", fontsize=7, color="black", parse_math=False
+            )
             axes.text(
                 column * 1.3 + 0.54,
                 y - 0.29,
@@ -87,6 +89,7 @@ def draw_chains(sensors: Mapping[str, Sensor]) -> "Figure":
                 fontsize=6.5,
                 style="italic",
                 color="black",
+                parse_math=False,
             )
             if column:
                 axes.annotate("", (column * 1.3, y), (column * 1.3 - 0.2, y), arrowprops={"arrowstyle": "->", "color": "#555555"})

@@ -3,24 +3,25 @@
 import numpy as np
 
 from .plain import Summary
-from .style import INK, NORMAL, SMALL, WIDTH_INCH, Drawing, new_figure
+from .style import INK, NORMAL, SMALL, WIDTH_INCH, Drawing, new_figure, shortened
 
 _WITH_VALUES = 32
 
 
 def draw_correlations(summary: Summary) -> Drawing:
     """Lower triangle of the correlation matrix, with names and values."""
-    names, strong = summary["correlation"]["names"], summary["correlation"]["threshold"]
+    names = [shortened(name) for name in summary["correlation"]["names"]]
+    strong = summary["correlation"]["threshold"]
     k = len(names)
     rho = np.array([[np.nan if x is None else x for x in row] for row in summary["correlation"]["matrix"]]).reshape(k, k)
     shown = np.where(np.tri(k, k=-1, dtype=bool), rho, np.nan)[1:, :-1] if k > 1 else rho
     beside = k < 6  # a small map has no room for its colour bar in the empty corner
-    label = 0.09 * max(len(name) for name in names)
-    cell = min(0.6, (WIDTH_INCH - label - 0.3 - 0.9 * beside) / max(k - 1, 1))
+    room = 0.09 * max(len(name) for name in names)
+    cell = min(0.6, (WIDTH_INCH - room - 0.3 - 0.9 * beside) / max(k - 1, 1))
     size = max(k - 1, 1) * cell
-    turned = label > cell
-    upright = label if turned else 0.25
-    figure = new_figure(max(size + upright + 0.3, 1.6), max(size + label + 0.3 + 1.2 * beside, 3.0))
+    turned = room > cell
+    upright = room if turned else 0.25
+    figure = new_figure(max(size + upright + 0.3, 1.6), max(size + room + 0.3 + 1.2 * beside, 3.0))
     axes = figure.subplots()
     colours = axes.imshow(shown, cmap="RdBu_r", vmin=-1, vmax=1)
     axes.set_facecolor("white")

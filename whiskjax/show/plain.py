@@ -7,6 +7,7 @@ from typing import Any
 
 from ..estimate.diagnosis import UNLIKELY
 from ..estimate.variance_components import Components
+from ..estimate.verdict import CheckTest, stretched
 from ..rules import RESULTS
 from ..rules.results import codes_of, message_of
 
@@ -56,13 +57,56 @@ def fit_in_words(data: Summary) -> str:
     return f"{times}, which is consistent {chance}"
 
 
+def check(found: CheckTest) -> Summary | None:
+    """What the check points say of the answer; None where there are none."""
+    if not found.freedom:
+        return None
+    return {
+        "chi_square": number(found.chi_square),
+        "degrees_of_freedom": found.freedom,
+        "factor": number(found.factor),
+        "tail_probability": number(found.tail_probability),
+        "agrees": found.agrees,
+        "worst": [{"name": w, "sigmas": number(s)} for w, s in zip(found.worst, found.worst_sigmas, strict=True)],
+    }
+
+
+def check_in_words(data: Summary) -> str:
+    """One sentence on `check`."""
+    if data["factor"] is None or data["tail_probability"] is None:
+        return "the check points could not be compared: a difference is not a number"
+    times = f"the check points' differences are {data['factor']:.2f} times as large as predicted"
+    chance = f"(probability of more by chance: {probability(data['tail_probability'])})"
+    if data["agrees"]:
+        return f"{times}, which is consistent {chance}"
+    worst = ", ".join(row["name"] for row in data["worst"])
+    return f"{times}: they contradict the answer {chance}; the worst are {worst}"
+
+
 def weights(found: Components | None) -> list[Summary]:
     """Groups whose sigmas were estimated; empty where they were not."""
     if found is None:
         return []
+    beyond = stretched(found)
     return [
-        {"group": name, "is_prior": bool(p), "n": int(n), "sigma_factor": number(f), "relative_sigma": number(s)}
-        for name, p, n, f, s in zip(*found, strict=True)
+        {
+            "group": name,
+            "is_prior": bool(p),
+            "n": int(n),
+            "sigma_factor": number(f),
+            "relative_sigma": number(s),
+            "is_plausible": g not in beyond,
+        }
+        for g, (name, p, n, f, s) in enumerate(zip(*found, strict=True))
+    ]
+
+
+def weights_in_words(rows: list[Summary]) -> list[str]:
+    """A sentence on every group of `weights` that is not plausible."""
+    return [
+        f"the sigma of {row['group']} would have to be {row['sigma_factor']:.3g} times as large as given: a finding, not a weight"
+        for row in rows
+        if not row["is_plausible"]
     ]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .plain import PRIOR_ONLY, Summary
-from .style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure
+from .style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure, shortened
 from .tables import decimals_of, fixed
 
 _PRIOR = "#DADADA"
@@ -42,7 +42,7 @@ def draw_shrinkage(summary: Summary) -> Drawing:
             right.barh(row, max(ratio, 1.0) - 1, left=1, height=0.72, color=colour, linewidth=0, zorder=2)
             said = f"{said}  ({_times(ratio)})"
         words.text(0, row, said, fontsize=font, color=INK, va="center")
-    left.set_yticks(range(k), [p["name"] for p in parameters], fontsize=font)
+    left.set_yticks(range(k), [shortened(p["name"]) for p in parameters], fontsize=font)
     left.set_ylim(k - 0.4, -0.6)
     left.set_xlim(-reach, reach)
     left.locator_params(axis="x", nbins=6)

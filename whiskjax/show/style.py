@@ -1,8 +1,14 @@
-"""How figures look: one palette, one set of sizes, and PNG without touching matplotlib's global state."""
+"""How figures look: one palette, one set of sizes, and PNG without touching matplotlib's global state.
+
+Names come from files and may hold any character: no text of a figure is read as mathematics.
+"""
 
 import dataclasses
 import functools
 import io
+import re
+import unicodedata
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +33,18 @@ class Drawing:
     caption: str
     figure: Any
 
+    def __post_init__(self):
+        _make_plain(self.figure)
+
     @functools.cached_property
     def png(self) -> bytes:
         """The figure as PNG, drawn once; matplotlib's version is left out, so that the same figure is the same file."""
         buffer = io.BytesIO()
         import_extra("matplotlib.backends.backend_agg", "plots").FigureCanvasAgg(self.figure)
-        self.figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+        with warnings.catch_warnings():
+            # A character that no font here has is drawn as an empty box.
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            self.figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
         return buffer.getvalue()
 
     def write(self, folder: Path) -> Path:
@@ -49,6 +61,44 @@ def new_figure(height_inch: float, width_inch: float = WIDTH_INCH) -> Any:
     )
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
     return figure
+
+
+def shortened(name: str, most: int = 30) -> str:
+    """A name as a figure has room for it: of a long one the beginning and the end, which tells it from its neighbours."""
+    width = [2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in name]
+    if sum(width) <= most:
+        return name
+    count, room = (most - 1) // 2, most - 1
+    while count > 0 and sum(width[:count]) + sum(width[-count:]) > room:
+        count -= 1
+    return f"{name[:count]}…{name[-count:] if count else ''}"
+
+
+def _make_plain(figure: Any) -> None:
+    """No text is mathematics; powers of ten on logarithmic axes, which matplotlib writes as such, become plain text."""
+    text, axes, ticker = (import_extra(f"matplotlib.{name}", "plots") for name in ("text", "axes", "ticker"))
+    for panel in figure.findobj(axes.Axes):
+        for axis in (panel.xaxis, panel.yaxis):
+            for ticks in (axis.major, axis.minor):
+                if isinstance(ticks.formatter, ticker.LogFormatterMathtext):
+                    ticks.formatter = _plain_powers(ticks.formatter, ticker)
+    for found in figure.findobj(text.Text):
+        found.set_parse_math(False)
+        found.set_usetex(False)
+
+
+_SUPERSCRIPTS = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
+_POWER = re.compile(r"\^\{([-−\d]+)\}")
+
+
+def _plain_powers(formatter: Any, ticker: Any) -> Any:
+    """A formatter whose 10^{-3} is 10⁻³."""
+
+    def plain(value: float, position: int | None) -> str:
+        inner = formatter(value, position).removeprefix("$\\mathdefault{").removesuffix("}$")
+        return _POWER.sub(lambda power: power[1].translate(_SUPERSCRIPTS), inner.replace("\\times", "×"))
+
+    return ticker.FuncFormatter(plain)
 
 
 def dress(axes: Any, *, grid: str = "both") -> None:

@@ -9,7 +9,19 @@ import numpy as np
 
 from ..estimate.calibrate import Calibration
 from ..flights.flight import Flight
-from .plain import PRIOR_ONLY, Summary, fit, fit_in_words, number, solver, versions, weights
+from .plain import (
+    PRIOR_ONLY,
+    Summary,
+    check,
+    check_in_words,
+    fit,
+    fit_in_words,
+    number,
+    solver,
+    versions,
+    weights,
+    weights_in_words,
+)
 from .residuals import STAGES, Residuals, gather
 
 HALF_WEIGHT = 0.5
@@ -40,6 +52,7 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
         "counts": _counts(residuals, flight),
         "solver": solver(calibration.result, calibration.steps),
         "fit": fit(found.variance_factor, found.degrees_of_freedom, found.tail_probability, found.is_consistent),
+        "check": check(found.check),
         "parameters": parameters,
         "determined": {
             "is_determined": posterior.is_determined,
@@ -233,7 +246,9 @@ def _verdict(is_sound: bool, data: Summary) -> Summary:
     else:
         reasons.append(f"the iteration converged in {iteration['steps']} steps")
         reasons.append(f"observations and priors together determine {'all ' + str(k) if k > 1 else 'the'} unknown{'s' * (k > 1)}")
-    reasons.append(fit_in_words(data["fit"]))
+    if data["check"] is not None:
+        reasons.append(check_in_words(data["check"]))
+    reasons += [*weights_in_words(data["weights"]), fit_in_words(data["fit"])]
     cautions = []
     if determined["null_space_of_data"] and determined["is_determined"]:
         together = list(dict.fromkeys(name for direction in determined["null_space_of_data"] for name in direction))
@@ -241,9 +256,7 @@ def _verdict(is_sound: bool, data: Summary) -> Summary:
         cautions.append(f"{rank}; what is left open moves {', '.join(together)} together, and there only priors speak")
     if determined["fixed_by_prior"]:
         held = determined["fixed_by_prior"]
-        cautions.append(
-            f"{', '.join(held)} {'is' if len(held) == 1 else 'are'} fixed by the prior alone: the data say nothing new"
-        )
+        cautions.append(f"fixed by the prior alone, as the data say nothing new: {', '.join(held)}")
     if (n := len(data["correlation"]["strong"])) > 0:
         cautions.append(f"{n} pair{'s' * (n > 1)} of unknowns {'are' if n > 1 else 'is'} correlated above {STRONG}")
     if (n := data["down_weighted"]["count"]) > 0:

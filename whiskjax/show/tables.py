@@ -222,7 +222,7 @@ def weights(summary: Summary) -> Table | None:
             (
                 Cell(row["group"]),
                 Cell(str(row["n"])),
-                Cell(short(row["sigma_factor"], 3)),
+                Cell(short(row["sigma_factor"], 3), not row["is_plausible"]),
                 Cell(fixed(100 * row["relative_sigma"], 0), row["relative_sigma"] > 0.5),
             )
             for row in found
@@ -296,14 +296,14 @@ def for_terminal(table: Table) -> Any:
     box = import_extra("rich.box", "app")
     group = import_extra("rich.console", "app").Group
     drawn = rich_table.Table(
-        title=table.title, title_justify="left", title_style="bold",
+        title=text.Text(table.title), title_justify="left", title_style="bold",
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True, show_edge=False,
     )  # fmt: skip
     for k, (heading, number) in enumerate(zip(table.headings, table.is_number, strict=True)):
         lines = heading.split(": ")
-        width = max(len(text) for text in (*lines, *(row[k].text for row in table.rows)))
+        width = max(len(line) for line in (*lines, *(row[k].text for row in table.rows)))
         width = width if number else min(width, _WIDEST_TEXT)
-        drawn.add_column("\n".join(lines), justify="right" if number else "left", overflow="fold", min_width=width)
+        drawn.add_column(text.Text("\n".join(lines)), justify="right" if number else "left", overflow="fold", min_width=width)
     for i, row in enumerate(table.rows):
         cells = [text.Text(cell.text, style="bold yellow" if cell.alarm else "") for cell in row]
         drawn.add_row(*cells, end_section=i in table.breaks)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..rules import import_extra
 from .residuals import FEW, Residuals
-from .style import COLOUR, INK, MARKER, MUTED, NORMAL, Drawing, dress, new_figure, robust_limit
+from .style import COLOUR, INK, MARKER, MUTED, NORMAL, Drawing, dress, new_figure, robust_limit, shortened
 from .vectors import choice
 
 _PANELS = 6
@@ -53,7 +53,7 @@ def draw_trends(residuals: Residuals) -> Drawing:
             beyond += outside if column.here is not columns[0].here or j == 0 else 0
             axes.set_ylim(-limit, limit)
             if k == 0:
-                axes.set_title(column.title)
+                axes.set_title(shortened(column.title, 90 // len(columns)))
             else:
                 axes.set_xlabel(column.label)
             if j == 0:

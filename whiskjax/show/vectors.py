@@ -5,7 +5,21 @@ from typing import Any
 import numpy as np
 
 from .residuals import FEW, STAGES, Residuals
-from .style import COLOUR, INK, MARKER, MUTED, NORMAL, SMALL, TITLE, Drawing, dress, new_figure, robust_limit, round_number
+from .style import (
+    COLOUR,
+    INK,
+    MARKER,
+    MUTED,
+    NORMAL,
+    SMALL,
+    TITLE,
+    Drawing,
+    dress,
+    new_figure,
+    robust_limit,
+    round_number,
+    shortened,
+)
 
 _STRIPS, _FRAMES = 6, 3  # images that fit beside each other as tall strips, or below each other as frames
 _CELLS = 14, 9
@@ -120,7 +134,7 @@ def _draw_tall(residuals: Residuals, chosen: list[int]) -> Drawing:
             axes = figure.add_subplot(grid[2 * row + 1, column])
             _frame(axes, residuals)
             _panel(axes, residuals, residuals.image == image, stage, scale)
-            axes.set_title(residuals.images[image].name)
+            axes.set_title(shortened(residuals.images[image].name, 90 // len(chosen)))
             axes.set_xlabel(f"{residuals.axes[0]} (px)")
             axes.locator_params(axis="x", nbins=3)
             if column == 0:
@@ -151,7 +165,7 @@ def _draw_wide(residuals: Residuals, chosen: list[int]) -> Drawing:
         for row, (image, here) in enumerate(shown):
             axes = figure.add_subplot(grid[1 + row, column])
             _frame(axes, residuals)
-            title = f"all {len(residuals.images)} images" if image is None else residuals.images[image].name
+            title = f"all {len(residuals.images)} images" if image is None else shortened(residuals.images[image].name)
             if averaged[row]:
                 _cells(axes, residuals, here, stage, scale)
                 title += ": mean of each cell"

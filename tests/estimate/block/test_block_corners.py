@@ -95,3 +95,42 @@ def test_two_steps_need_pos():
     mounted = wj.Sensor({"photo": sensor["photo"], "mount": wj.Mount()}, sensor.camera)
     with pytest.raises(wj.WhiskjaxError, match="step two fits the mounts to the motions that POS observed"):
         wj.two_step(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)], pos_errors=FREE, mounts=["kappa"])
+
+
+@pytest.mark.parametrize("how", [{}, {"blunders": wj.Blunders()}, {"reweigh": True}], ids=lambda how: "".join(how) or "plain")
+def test_points_seen_once_are_left_out_and_listed(how):
+    """A tie and a check point: everything is as if their rays had never been measured, and their names are said."""
+    sensor, block, _, truth = frames()
+    role, place = block.role.copy(), block.position_m.copy()
+    role[[9, 12]], place[[9, 12]] = "check", truth[[9, 12]]
+    block = dataclasses.replace(block, role=role, position_m=place)
+    lonely = np.isin(block.point, [7, 9])
+    kept = ~lonely | (block.key("image") == 2)
+    found = wj.adjust(sensor, block.keep(kept), pos_errors=POS, **how)
+    expected = wj.adjust(sensor, block.keep(~lonely), pos_errors=POS, **how)
+    assert found.left_out == ("P7", "P9") and expected.left_out == ()
+    said = "seen by one ray only, which determines no point, and left out: point P7, point P9"
+    assert said in found.warnings and set(found.warnings) - {said} == set(expected.warnings)
+    np.testing.assert_array_equal(found.used, ~lonely[kept] if not how.get("blunders") else found.used & ~lonely[kept])
+    np.testing.assert_array_equal(found.used[~lonely[kept]], expected.used)
+    assert np.isnan(found.residual_px[lonely[kept]]).all() and np.isnan(found.point_m[[7, 9]]).all()
+    np.testing.assert_allclose(found.point_m, expected.point_m, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.residual_px[~lonely[kept]], expected.residual_px, rtol=0, atol=1e-6)
+    assert found.freedom == expected.freedom and found.cost == pytest.approx(expected.cost, rel=1e-8)
+    assert found.check.freedom == 3 and found.check.chi_square == pytest.approx(expected.check.chi_square, rel=1e-5)
+    assert found.is_sound
+
+
+def test_start_places_of_points_seen_once_are_not_needed():
+    sensor, block, _, truth = frames()
+    start = truth.copy()
+    start[7] = np.nan
+    once = block.keep((block.point != 7) | (block.key("image") == 2))
+    found = wj.adjust(sensor, once, pos_errors=POS, start_m=start)
+    assert found.is_sound and found.left_out == ("P7",)
+
+
+def test_a_block_in_which_nothing_remains_is_refused():
+    sensor, block, *_ = frames(control=0)
+    with pytest.raises(wj.WhiskjaxError, match="point P0 and every other point of the block is seen by one ray only"):
+        wj.adjust(sensor, block.keep(block.key("image") == 2), pos_errors=POS)

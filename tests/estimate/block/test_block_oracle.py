@@ -4,6 +4,8 @@ import jax
 import numpy as np
 import optimistix as optx
 import pytest
+from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 import whiskjax as wj
 from tests.estimate.block.textbook import PRIOR, SCENES, SIGMA, Textbook, epochs_of
@@ -77,6 +79,23 @@ def test_covariances(case):
     own = np.stack([points[i, :, i] for i in range(len(case.point))])
     size = case.sigma_point[:, :, None] * case.sigma_point[:, None]
     np.testing.assert_allclose(case.adjusted.covariance_m2 / size, own / size, rtol=0, atol=1e-6)
+
+
+def test_check_points_are_judged_by_their_joint_covariance(case):
+    """e^T (C + S)^-1 e with C out of the inverse of the whole, all check points together, and each of them alone."""
+    a, b, _ = case.textbook.shape
+    block, check = case.drawn.block, np.flatnonzero(case.drawn.block.role == "check")
+    rows = (a + b + 3 * check[:, None] + np.arange(3)).ravel()
+    spread = case.covariance[np.ix_(rows, rows)] + block_diag(*block.covariance_m2[check])
+    error = (case.point - block.position_m)[check].ravel()
+    found = case.adjusted.check
+    assert found.chi_square == pytest.approx(error @ np.linalg.solve(spread, error), rel=1e-6)
+    assert found.freedom == 3 * len(check) and found.tail_probability == pytest.approx(chi2(3 * len(check)).sf(found.chi_square))
+    alone = [
+        float(e @ np.linalg.solve(spread[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], e)) for i, e in enumerate(error.reshape(-1, 3))
+    ]
+    assert found.worst[0] == block.point_label(int(check[np.argmax(alone)]))
+    assert found.worst_sigmas[0] == pytest.approx(np.sqrt(max(alone)), rel=1e-6)
 
 
 def test_levenberg_marquardt_reaches_the_same_cost(case):

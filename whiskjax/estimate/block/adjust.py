@@ -4,23 +4,28 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency
 from ..unknown import Unknown, need_unknowns
 from ..variance_components import Components
+from ..verdict import contradictions
 from . import weights
 from .adjustment import Adjustment, Trust
 from .begin import begin
 from .block import Block
-from .connect import connections, refuse_lonely
+from .check import checked
+from .connect import connections, seen_once
 from .covariance import covariances, evaluate
 from .crossing import at_crossing, refuse_unrecorded
 from .pos_errors import AXES, PosErrors
@@ -28,6 +33,7 @@ from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
 from .wrong_ties import snoop
 
+_NAMED = 10
 _SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix, scaled to unit diagonal; sound blocks have 1e-5
 
 
@@ -65,10 +71,11 @@ def adjust(
     - `max_steps`: of each solution; blunders and weights take several.
     - `throw`: raise where the block cannot be solved; else look at `result`.
 
-    **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so.
+    **Returns:** `Adjustment`. Without control points the datum rests on POS, and a warning says so. Check and tie points that one
+    ray alone sees are left out and listed.
 
-    **Raises:** `WhiskjaxError` naming a point seen once, a ray or a strip; `SensorError` naming points with parallel rays, or
-    where the equations are singular.
+    **Raises:** `WhiskjaxError` naming a ray or a strip, or where nothing remains; `SensorError` naming points with parallel rays,
+    a ray that the adjusted sensor cannot have made, or where the equations are singular.
     """
     require_x64("adjust")
     need("adjust", "sensor", sensor, Sensor)
@@ -80,12 +87,14 @@ def adjust(
     need("adjust", "reweigh", reweigh, bool, "True; groups as of Reweigh() are for calibrate")
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
-    refuse_lonely(block)
+    refuse_extremes(sensor, "adjust")
+    lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
+    tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")
     if start_m is None:
         sensor, start_m = begin(sensor, block, pos_errors)
     start_m = np.asarray(Arrays("adjust").take("start_m", start_m, f"{len(block.role)} 3", absolute=True))
-    unplaced = np.flatnonzero(block.seen & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
+    unplaced = np.flatnonzero(block.seen & ~lonely & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
     if unplaced.size:
         raise WhiskjaxError(f"{block.point_label(int(unplaced[0]))}: start_m holds no finite coordinates of it")
     prepared = prepare(sensor, block, unknowns, pos_errors, start_m)
@@ -94,7 +103,7 @@ def adjust(
     if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
         prepared = retimed(prepared, solved.state, unknowns, pos_errors)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
-    used, found = np.ones(len(block), dtype=bool), None
+    used, found = ~lonely[block.point], None
     for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
         if blunders is not None and _is_fine(solved):
             prepared, solved, used = snoop(prepared, solved, used, blunders, max_steps)
@@ -113,7 +122,12 @@ def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_e
     """The block with every ray at the crossing of its fitted point, to be solved again from the state."""
     ready = prepared.ready
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
-    block = at_crossing(ready.unknowns.put(ready.sensor, state.x, state.u), prepared.block, point)
+    given, lonely = prepared.block, seen_once(prepared.block)[prepared.block.point]
+    block = at_crossing(ready.unknowns.put(ready.sensor, state.x, state.u), given, point)
+    if lonely.any():  # a ray whose point has no place stays as it was measured
+        time_s = np.where(lonely, np.asarray(given.key("time_s")), np.asarray(block.key("time_s")))
+        pixel_px = np.where(lonely[:, None], given.pixel_px, block.pixel_px)
+        block = dataclasses.replace(block, shot=dataclasses.replace(block.shots(), time_s=time_s), pixel_px=pixel_px)
     again = prepare(ready.sensor, block, unknowns, pos_errors, point, prepared.plan)
     return dataclasses.replace(again, start=State(state.x, state.u, again.start.points))
 
@@ -137,9 +151,17 @@ def report(
     if throw and int(codes_of(result)) != 0:
         raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
     state = solved.state
-    residual, point, covariance = _evaluated(prepared, state, inverse)
-    nowhere = prepared.lone(used)
-    point[nowhere], covariance[nowhere] = np.nan, np.nan
+    tell("adjust: residuals and covariances (the first time compiled)")
+    residual, codes, point, covariance = _evaluated(prepared, state, inverse)
+    codes = np.where(used, codes, 0)
+    impossible = _impossible(block, codes)
+    if impossible:
+        if throw:
+            raise SensorError(f"adjust: {impossible[0]}")
+        worst = int(codes[codes != 0][0])
+        result = first_failure(result, jax.tree.map(lambda _: np.int32(worst), RESULTS.successful))
+    nowhere, lonely = prepared.lone(used), seen_once(block)
+    point[nowhere], covariance[nowhere], residual[lonely[block.point]] = np.nan, np.nan, np.nan
     numbers = ready.unknowns
     size = state.x.size
     mean, scale = np.asarray(numbers.mean), np.asarray(numbers.scale)
@@ -158,6 +180,7 @@ def report(
     )
     cost = float(solved.reduced.cost)
     factor, tail, sound = consistency(cost, freedom)
+    check = checked(prepared, solved, used, point, covariance)
     solution = numbers.put(ready.sensor, state.x, state.u)
     return Adjustment(
         sensor=solution,
@@ -179,7 +202,13 @@ def report(
         is_consistent=sound,
         steps=solved.steps,
         result=result,
-        warnings=tuple(_warnings(block, used, pos_errors, factor, tail, squared, trust, unknowns)),
+        warnings=(
+            *impossible,
+            *contradictions(check, found),
+            *_warnings(block, used, lonely, pos_errors, factor, tail, squared, trust, unknowns),
+        ),
+        check=check,
+        left_out=tuple(block.point_name(int(i)) for i in np.flatnonzero(lonely)),
     )
 
 
@@ -199,14 +228,27 @@ def _inverse(matrix: Array) -> Float[np.ndarray, "m m"] | None:
     return inverse * np.outer(scale, scale)
 
 
-def _evaluated(prepared: Prepared, state: State, inverse: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals in pixels by ray, coordinates and their covariance by point."""
-    residuals = evaluate(prepared.ready, state)
+def _evaluated(
+    prepared: Prepared, state: State, inverse: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals in pixels and failure codes by ray, coordinates and their covariance by point."""
+    seen = evaluate(prepared.ready, state)
+    residuals, codes = prepared.by_ray(seen.residual_px), prepared.by_ray(seen.code).astype(int)
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     if inverse is None:
-        return prepared.by_ray(residuals), point, np.full((len(point), 3, 3), np.nan)
+        return residuals, codes, point, np.full((len(point), 3, 3), np.nan)
     covariance = prepared.by_point(covariances(prepared.ready, state, jnp.asarray(inverse)))
-    return prepared.by_ray(residuals), point, covariance
+    return residuals, codes, point, covariance
+
+
+def _impossible(block: Block, codes: Int[np.ndarray, " rays"]) -> list[str]:
+    """What to say of rays that the sensor cannot have made as it was adjusted: the first by name, and how many there are."""
+    if not codes.any():
+        return []
+    i, count = int(np.argmax(codes != 0)), int((codes != 0).sum())
+    more = f" ({count} of {len(codes)} rays fail)" if count > 1 else ""
+    hint = ", as in a mirrored block; start nearer" if message_of(int(codes[i])) == RESULTS[RESULTS.point_behind_camera] else ""
+    return [f"where the adjustment ended, {block.ray_label(i)}: {message_of(int(codes[i]))}{more}{hint}"]
 
 
 def _trust(ready: Ready, state: State, inverse: np.ndarray | None) -> Trust:
@@ -243,6 +285,7 @@ def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], pos_e
 def _warnings(
     block: Block,
     used: Bool[np.ndarray, " rays"],
+    lonely: Bool[np.ndarray, " points"],
     pos_errors: PosErrors | None,
     factor: float,
     tail: float,
@@ -261,10 +304,16 @@ def _warnings(
         )
     elif math.isfinite(factor) and factor < 0.5:
         said.append(f"residuals are smaller than their sigmas say: variance factor {factor:.3g}")
-    if not used.all():
-        lost = np.setdiff1d(block.point[~used], block.point[used]).size
-        touched = len(np.unique(block.point[~used]))
-        said.append(f"{int((~used).sum())} rays of {touched} points are wrong and left out; {lost} points lose all of their rays")
+    if lonely.any():
+        alone = np.flatnonzero(lonely)
+        named = ", ".join(block.point_label(int(i)) for i in alone[:_NAMED])
+        more = f", ... ({len(alone)} points)" if len(alone) > _NAMED else ""
+        said.append(f"seen by one ray only, which determines no point, and left out: {named}{more}")
+    wrong = ~used & ~lonely[block.point]
+    if wrong.any():
+        lost = np.setdiff1d(block.point[wrong], block.point[used]).size
+        touched = len(np.unique(block.point[wrong]))
+        said.append(f"{int(wrong.sum())} rays of {touched} points are wrong and left out; {lost} points lose all of their rays")
     groups = connections(block.keep(used)) if used.any() else []
     if len(groups) > 1:
         small = min(groups, key=len)

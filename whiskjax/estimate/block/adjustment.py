@@ -11,6 +11,7 @@ from ...rules import RESULTS
 from ...rules.results import codes_of
 from ..unknown import Unknown
 from ..variance_components import Components
+from ..verdict import UNTESTED, CheckTest, stretched
 from .block import Block
 from .pos_errors import PosErrors
 
@@ -53,6 +54,8 @@ class Adjustment:
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
     - `used`: rays that took part; `components`: factors on the given sigmas, where weights were estimated (`block` has the new).
     - `cost`: the sum of squared whitened residuals, POS and priors included; `variance_factor` divides it by `freedom`.
+    - `check`: the check points' coordinates beside those that came out; `left_out`: check and tie points, by name, that one ray
+      alone sees: it takes no part and has no residual (NaN).
     """
 
     sensor: Sensor
@@ -75,11 +78,15 @@ class Adjustment:
     steps: int
     result: RESULTS
     warnings: tuple[str, ...]
+    check: CheckTest = UNTESTED
+    left_out: tuple[str, ...] = ()
 
     @property
     def is_sound(self) -> bool:
-        """Converged, determined, and residuals no larger than chance explains."""
-        return int(codes_of(self.result)) == 0 and self.is_consistent
+        """Converged, determined, residuals and check points no farther off than chance explains, no sigma stretched beyond
+        reason (verdict.py)."""
+        consistent = self.is_consistent and self.check.agrees and not stretched(self.components)
+        return int(codes_of(self.result)) == 0 and consistent
 
     def errors_m(self, role: str) -> Float[np.ndarray, "n 3"]:
         """Adjusted less given coordinates of the seen points of a role with known coordinates ("check", "control")."""

@@ -11,6 +11,7 @@ from ...rules import SensorError
 from ...rules.results import codes_of, message_of
 from ..intersection import intersect
 from .block import Block
+from .connect import seen_once
 from .pos_errors import PosErrors
 from .prepare import prepare
 from .solve import gauss_newton
@@ -19,8 +20,8 @@ from .solve import gauss_newton
 def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[Sensor, Float[np.ndarray, "points 3"]]:
     """A sensor and the approximate coordinates of every point that is seen.
 
-    Control points lie where they are given; all others where their rays meet. Without POS the poses may be far off: then the
-    images are first resected from their control points.
+    Control points lie where they are given; all others where their rays meet, and nowhere (NaN) with one ray. Without POS the
+    poses may be far off: then the images are first resected from their control points.
 
     **Raises:** `SensorError` naming the first point whose rays do not meet.
     """
@@ -28,7 +29,7 @@ def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[S
     point = np.where(control[:, None], block.position_m, np.nan)
     if pos_errors is not None and not pos_errors.observed and control[block.point].any():
         sensor = _resect(sensor, block.keep(control[block.point]), pos_errors)
-    rays = np.flatnonzero(~control[block.point])
+    rays = np.flatnonzero(~(control | seen_once(block))[block.point])
     if rays.size:
         others = block.keep(rays)
         seen, index = np.unique(others.point, return_inverse=True)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...chain.shot import KEYS, Shot
 from ...rules import Arrays, WhiskjaxError, need
+from ...rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
 ROLES = ("control", "check", "tie")
 
@@ -81,6 +82,11 @@ class Block:
         if (known & ~placed).any():
             i = int(np.argmax(known & ~placed))
             raise WhiskjaxError(f"{self.point_label(i)} is a {self.role[i]} point, but its coordinates are not finite numbers")
+        refuse_sizes(self.pixel_px, lambda i: f"{self.ray_label(i)}: pixel_px")
+        refuse_sizes(np.where(known[:, None], self.position_m, 0.0), lambda i: f"{self.point_label(i)}: position_m")
+        refuse_sigmas(self.sigma_px, lambda i: f"{self.ray_label(i)}: sigma_px")
+        given = np.flatnonzero(known)
+        refuse_covariances(self.covariance_m2[given], lambda i: f"{self.point_label(int(given[i]))}: covariance_m2")
 
     def _require(self, fine: Any, message: str) -> None:
         if not fine.all():
@@ -115,9 +121,13 @@ class Block:
                 picked[name] = value[index]
         return Shot(**picked)
 
+    def point_name(self, i: int) -> str:
+        """The name of a point, or its number where there are no names."""
+        return str(self.points[i]) if len(self.points) else str(i)
+
     def point_label(self, i: int) -> str:
         """A point, named for people."""
-        return f"point {self.points[i]}" if len(self.points) else f"point {i}"
+        return f"point {self.point_name(i)}"
 
     def ray_label(self, i: int) -> str:
         """A ray, named for people."""

@@ -1,21 +1,25 @@
-"""Which parts of a block hang together, and points that cannot be intersected."""
+"""Which parts of a block hang together, and points that one ray alone sees."""
 
 import numpy as np
+from jaxtyping import Bool
 
 from ...rules import WhiskjaxError
 from .block import Block
 
 
-def refuse_lonely(block: Block) -> None:
-    """**Raises:** `WhiskjaxError` naming a check or tie point that is seen once, and how many there are."""
+def seen_once(block: Block) -> Bool[np.ndarray, " points"]:
+    """Check and tie points that one ray alone sees. It determines no point and says nothing of the block: they are left out.
+
+    **Raises:** `WhiskjaxError` where nothing else is seen.
+    """
     count = np.bincount(block.point, minlength=len(block.role))
-    lonely = np.flatnonzero((count == 1) & (block.role != "control"))
-    if lonely.size:
-        more = f" ({lonely.size} points are)" if lonely.size > 1 else ""
+    lonely = (count == 1) & (block.role != "control")
+    if lonely[block.point].all():
         raise WhiskjaxError(
-            f"{block.point_label(int(lonely[0]))} is seen by one ray only{more}: one ray determines no point; leave it out "
-            "(Block.keep)"
+            f"{block.point_label(int(np.argmax(lonely)))} and every other point of the block is seen by one ray only, and none "
+            "is a control point: nothing remains to be adjusted; measure points in two images or more"
         )
+    return lonely
 
 
 def connections(block: Block) -> list[list[str]]:

@@ -1,28 +1,41 @@
 """Residuals of rays and covariance of points at the solution, streamed over the chunks as the normal equations are."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ...algebra.vectors import vsub
-from ...chain.imaging import image
+from ...chain.imaging import into_camera
+from ...rules import first_failure
 from .normal import chunk_rows
 from .prepare import Ready, State
 
 
+class Seen(NamedTuple):
+    """Residuals measured - projected of rays in pixels, and the codes of those that the sensor cannot have made."""
+
+    residual_px: Float[Array, "chunks units rays points 2"]
+    code: Int[Array, "chunks units rays points"]
+
+
 @eqx.filter_jit
-def evaluate(ready: Ready, state: State) -> Float[Array, "chunks units rays points 2"]:
-    """Residuals measured - projected in pixels."""
+def evaluate(ready: Ready, state: State) -> Seen:
+    """Every ray at a state: its point has to lie in front of the camera, and inside of what its distortion can undo."""
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
 
     def of(inputs):
         chunk, at = inputs
         point = tuple(jnp.broadcast_to(c[chunk.tile][:, None, :], chunk.pixel[0].shape) for c in at)
-        return vsub(chunk.pixel, image(sensor, chunk.shot, point))
+        camera, q = sensor.camera_at(chunk.shot), into_camera(sensor, chunk.shot, point)
+        code = jax.tree.leaves(first_failure(sensor.check(chunk.shot), camera.check_direction(q)))[0]
+        x, y = vsub(chunk.pixel, camera.pixel(q))
+        return x, y, code + jnp.zeros(x.shape, dtype=jnp.int32)
 
-    x, y = jax.lax.map(of, (ready.tiles.chunks, state.points))
-    return jnp.stack([x, y], -1)
+    x, y, code = jax.lax.map(of, (ready.tiles.chunks, state.points))
+    return Seen(jnp.stack([x, y], -1), code)
 
 
 @eqx.filter_jit

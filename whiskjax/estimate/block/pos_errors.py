@@ -10,6 +10,7 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
 from ...rules import Arrays, WhiskjaxError, need
+from ...rules.spread import LEAST_SIGMA, MOST_SIGMA, refuse_sigmas
 
 AXES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 
@@ -43,6 +44,12 @@ class PosErrors:
         arrays.take("shift_sigma_m", self.shift_sigma_m, "3", finite=True, least=0.0, meaning=axes)
         for name in ("turn_correlation_s", "shift_correlation_s"):
             arrays.take(name, getattr(self, name), "3", optional=True, finite=True, above=0.0, meaning=axes)
+        refuse_sigmas(self.sigma, lambda i: f"PosErrors: the sigma of {AXES[i]}", zero=True)
+        for axis, c in zip(AXES, self.correlation_s, strict=True):
+            if c is not None and not LEAST_SIGMA < c < MOST_SIGMA:
+                raise WhiskjaxError(
+                    f"PosErrors: the correlation time of {axis} is {c:g} s: None is white noise, and a constant is an unknown"
+                )
         if not self.sigma.any():
             raise WhiskjaxError("PosErrors: all sigmas are zero, so the trajectory would not change: leave pos_errors out")
 

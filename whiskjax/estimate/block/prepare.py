@@ -16,8 +16,9 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...rules import WhiskjaxError
 from ...rules.sizes import rounded
-from ..unknown import Unknown, admit, start_of
+from ..unknown import Unknown, admit, start_of, whitened
 from .block import Block
+from .connect import seen_once
 from .plan import Plan, plan
 from .pos_errors import PosErrors
 from .tiles import Chunk, Tiles, Unknowns
@@ -61,7 +62,8 @@ class Prepared:
     def weighted(self, weight: Float[np.ndarray, "rays 2"], state: State) -> "Prepared":
         """The same with other weights (one over sigma) of the rays, 0 to leave out, starting from a state.
 
-        Points that keep fewer rays than two, and are no control points, stay where they are and take no part.
+        Points that keep fewer rays than two, and are no control points, stay where they are and take no part. Control points are
+        those of `block`, whatever they were when it was prepared.
         """
         lone = self.lone(weight[:, 0] > 0)
         weight = np.where(lone[self.block.point][:, None], 0.0, weight)
@@ -70,7 +72,8 @@ class Prepared:
         information = _information(self.plan, self.block.information(), lone)
         control = _components((known[self.plan.point] & (self.plan.point >= 0))[..., None], self.ready.tiles)[0]
         tiles = self.ready.tiles
-        place = tuple(jnp.where(control, p, at) for p, at in zip(tiles.chunks.place, state.points, strict=True))
+        given = _components(np.where(known[:, None], self.block.position_m, 0.0)[_whose(self.block, self.plan)], tiles)
+        place = tuple(jnp.where(control, p, at) for p, at in zip(given, state.points, strict=True))
         changed = (held, place, _components(information, tiles))
         tiles = eqx.tree_at(lambda t: (t.chunks.weight, t.chunks.place, t.chunks.prior), tiles, changed)
         return dataclasses.replace(self, ready=eqx.tree_at(lambda r: r.tiles, self.ready, tiles), start=state)
@@ -96,8 +99,10 @@ def prepare(
     start_m: Float[np.ndarray, "points 3"],
     keep: Plan | None = None,
 ) -> Prepared:
-    """**Arguments:** `start_m`: approximate coordinates of every point that some ray sees; `keep`: a plan for the same rays, used
-    again where all stations still lie in their windows.
+    """A block ready to be solved; check and tie points that one ray alone sees take no part.
+
+    **Arguments:** `start_m`: approximate coordinates of every other point that some ray sees; `keep`: a plan for the same rays,
+    used again where all stations still lie in their windows.
 
     **Raises:** `WhiskjaxError` for unknowns, links or keys that make no sense.
     """
@@ -122,8 +127,7 @@ def prepare(
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
     laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
     start = np.array([start_of(sensor, x) for x in unknowns])
-    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
-    scale = np.array([x.size for x in unknowns])
+    mean, scale, u = whitened(unknowns, start)
     numbers = Unknowns(
         jnp.asarray(mean),
         jnp.asarray(scale),
@@ -131,14 +135,17 @@ def prepare(
         None if pos_errors is None else pos_errors.link,
         tuple(x.places for x in unknowns),
     )
-    known = block.role == "control"
+    known, lonely = block.role == "control", seen_once(block)
+    # They have no place; seats on the device hold numbers, and have no weight.
+    start_m = np.where(lonely[:, None], start_m[block.point[~lonely[block.point]][0]], start_m)
     place = np.where(known[:, None], block.position_m, start_m)
     tiles = _tiles(block, laid, place, block.information())
     points = _components(start_m[_whose(block, laid)], tiles)
     has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
     ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
-    state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray((start - mean) / scale), points)
-    return Prepared(ready, state, laid, block)
+    state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray(u), points)
+    prepared = Prepared(ready, state, laid, block)
+    return prepared.weighted(1 / block.sigma_px, state) if lonely.any() else prepared
 
 
 def _whitened_motions(sensor: Sensor, numbers: Unknowns, stations: int) -> Float[Array, "6 stations"]:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ...algebra.vectors import Vec3
 from ...rules import RESULTS
+from ...rules.progress import tell
 from .normal import accumulate
 from .prepare import Ready, State
 
@@ -34,7 +35,7 @@ class Reduced(eqx.Module):
 
 
 class Solved(NamedTuple):
-    """The state at the optimum, the equations there, the number of steps, and how the iteration ended."""
+    """The state at the optimum, the equations there, the number of steps that were taken, and how the iteration ended."""
 
     state: State
     reduced: Reduced
@@ -76,14 +77,15 @@ def _step(matrix: Array, right: Array, damping: Array) -> Array:
 def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
     """Minimise from a state.
 
-    A step that raises the cost is taken back and damped (Levenberg).
+    A step that raises the cost is taken back and damped (Levenberg). **Arguments:** `max_steps`: that are tried, taken or not.
     """
+    tell("adjust: first equations (the first time compiled)")
     reduced, points = reduce(ready, state)
-    damping, steps, last = 0.0, 0, np.inf
-    while steps < max_steps:
+    damping, tried, steps, last = 0.0, 0, 0, np.inf
+    while tried < max_steps:
         step = np.asarray(_step(reduced.matrix, reduced.right, jnp.asarray(damping)))
         if not np.isfinite(step).all():
-            if steps == 0 and not np.isfinite(np.asarray(reduced.matrix)).all():
+            if tried == 0 and not np.isfinite(np.asarray(reduced.matrix)).all():
                 return Solved(state, reduced, steps, RESULTS.nonfinite)
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.rank_deficient)
@@ -93,7 +95,8 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
         size = state.x.size
         moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
         there, relaxed = reduce(ready, moved)
-        steps += 1
+        tried += 1
+        tell(f"adjust: step {tried}, sum of squares {float(there.cost):.6g}")
         climbs = not float(there.cost) <= cost * (1 + _SAME_COST)
         if climbs and decrement > max(_ROUNDING, _SAME_COST * cost):
             damping = max(10 * damping, _FIRST_DAMPING)
@@ -103,7 +106,7 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
             state = State(state.x, state.u, points)
             reduced, points = reduce(ready, state)
             continue
-        state, reduced, points = moved, there, relaxed
+        state, reduced, points, steps = moved, there, relaxed, steps + 1
         stalls = decrement < _ROUNDING and decrement > 0.25 * last
         if damping == 0.0 and (decrement < _SETTLED or stalls):
             return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.successful)

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from ...chain.address import put, read
 from ...chain.correction import AbstractUniform, Correction
+from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
@@ -29,7 +30,7 @@ from .adjust import report, retimed
 from .adjustment import Adjustment
 from .begin import begin
 from .block import Block
-from .connect import refuse_lonely
+from .connect import seen_once
 from .crossing import refuse_unrecorded
 from .pos_errors import PosErrors
 from .prepare import Prepared, State, prepare
@@ -93,7 +94,7 @@ def two_step(
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
         raise WhiskjaxError(f"two_step: {', '.join(lost) or 'no mount'} is not among the unknowns {', '.join(names)}")
-    refuse_lonely(block)
+    refuse_extremes(sensor, "two_step")
     refuse_unrecorded(sensor, block)
     if not pos_errors.observed:
         raise WhiskjaxError(
@@ -133,7 +134,7 @@ def two_step(
     last = assign(sensor, second, value)
     held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, last))
     solved = gauss_newton(held.ready, state)
-    adjustment = report(held, solved, first, pos_errors, start_u, np.ones(len(block), dtype=bool), None, throw=True)
+    adjustment = report(held, solved, first, pos_errors, start_u, ~seen_once(block)[block.point], None, throw=True)
     tail = steps[-4:]
     observed = (tail[-1] / tail[0]) ** (1 / (len(tail) - 1)) if len(tail) > 1 and tail[0] > 0 else float("nan")
     return TwoStep(tuple(x.name for x in second), np.array(values), rate, observed, early, has_converged, adjustment)

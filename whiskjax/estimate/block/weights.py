@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...rules.progress import tell
 from ..variance_components import Components
 from .covariance import evaluate
 from .prepare import Prepared, State
@@ -36,7 +37,8 @@ def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray, max_steps: int
     block, log_factor = prepared.block, np.zeros(4)
     marked = block.role[block.point] != "tie"
     given = prepared
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"weights: round {i + 1}")
         squares, redundancy, count = _groups(prepared, solved, used, marked)
         speaks = redundancy > 0.5
         step = np.where(speaks, 0.5 * np.log(np.maximum(squares, 1e-300) / np.where(speaks, redundancy, 1.0)), 0.0)
@@ -81,7 +83,7 @@ def _groups(
     of_marked = np.asarray(reduce(alone.ready, state)[0].observed)
     taken_marked = float(np.sum(inverse * of_marked))
     taken_ties = float(np.sum(inverse * np.asarray(solved.reduced.observed))) - taken_marked
-    residual = prepared.by_ray(evaluate(ready, state)) / block.sigma_px
+    residual = prepared.by_ray(evaluate(ready, state).residual_px) / block.sigma_px
     squared = np.where(some, (residual**2).sum(axis=1), 0.0)
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     off = np.where(control[:, None], np.nan_to_num(point - block.position_m), 0.0)[control]

@@ -19,8 +19,10 @@ from ...algebra.vectors import unstack
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.sweep import sweep
+from ...rules.progress import tell
 from ..blunders import Blunders
 from .block import Block
+from .connect import seen_once
 from .covariance import evaluate
 from .prepare import Prepared, State
 from .solve import Solved, gauss_newton, reduce
@@ -33,11 +35,12 @@ def snoop(
     prepared: Prepared, solved: Solved, used: Bool[np.ndarray, " rays"], rule: Blunders, max_steps: int
 ) -> tuple[Prepared, Solved, Bool[np.ndarray, " rays"]]:
     """The solution without wrong rays, and which rays it uses. **Arguments:** `used`: the rays of the solution so far."""
-    block = prepared.block
+    block, lonely = prepared.block, seen_once(prepared.block)
     seen: list[np.ndarray] = []
-    for _ in range(_ROUNDS):
+    for i in range(_ROUNDS):
+        tell(f"wrong rays: round {i + 1}, {int((~used).sum())} of {len(used)} rays left out")
         judged = _judge(prepared, solved.state)
-        kept = _kept(judged, block, rule)
+        kept = _kept(judged, block, rule) & ~lonely[block.point]
         seen.append(used)
         if any((kept == before).all() for before in seen):
             break
@@ -66,7 +69,7 @@ def _judge(prepared: Prepared, state: State) -> Judged:
     for _ in range(2):
         _, points = reduce(everything.ready, state)
         state = State(state.x, state.u, points)
-    residual = prepared.by_ray(evaluate(everything.ready, state)) / block.sigma_px
+    residual = prepared.by_ray(evaluate(everything.ready, state).residual_px) / block.sigma_px
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
     sensor = everything.ready.unknowns.put(everything.ready.sensor, state.x, state.u)
     at = jnp.asarray(np.where(np.isfinite(point), point, 0.0)[block.point])

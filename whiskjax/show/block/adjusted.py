@@ -61,6 +61,12 @@ class Adjusted:
         """The role of the point of each ray."""
         return self.block.role[self.block.point]
 
+    @cached_property
+    def wrong(self) -> Bool[np.ndarray, " rays"]:
+        """Rays that were left out as wrong; not those that alone see their point."""
+        names = np.asarray([self.block.point_name(i) for i in range(len(self.block.role))])
+        return ~self.adjustment.used & ~np.isin(names, self.adjustment.left_out)[self.block.point]
+
     @property
     def axes(self) -> tuple[str, str]:
         """What the two image axes are called."""

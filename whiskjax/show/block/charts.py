@@ -23,6 +23,7 @@ from ..style import (
     new_figure,
     robust_limit,
     round_number,
+    shortened,
 )
 from .adjusted import Adjusted, Course
 from .summary import ENU
@@ -123,10 +124,10 @@ def draw_residual_vectors(adjusted: Adjusted) -> Drawing:
     for view, here in adjusted.views:
         chosen = fine & here
         if chosen.sum() > _CROWDED:
-            shown.append((f"{view}: means of cells", *_in_cells(place[chosen], vectors[chosen])))
+            shown.append((f"{shortened(view, 60 // columns)}: means of cells", *_in_cells(place[chosen], vectors[chosen])))
             averaged = True
         else:
-            shown.append((view, place[chosen], vectors[chosen]))
+            shown.append((shortened(view, 60 // columns), place[chosen], vectors[chosen]))
     scale = _scale(np.concatenate([vector for _, _, vector in shown]))
     for k, (axes, (title, where, vector)) in enumerate(zip(panels.flat, shown, strict=False)):
         _plan(axes, adjusted, labelled=k % columns == 0)
@@ -189,7 +190,7 @@ def draw_detector(adjusted: Adjusted) -> Drawing:
     place, residual = adjusted.place_px, adjusted.adjustment.residual_px
     everything = np.ones(len(residual), dtype=bool)
     if adjusted.flight.is_line:
-        shown = [(view, here, "sample (px)", place[:, 0]) for view, here in adjusted.views[:_COLUMNS]]
+        shown = [(shortened(view, 90 // _COLUMNS), here, "sample (px)", place[:, 0]) for view, here in adjusted.views[:_COLUMNS]]
     else:
         shown = [("all images", everything, f"{name} (px)", place[:, k]) for k, name in enumerate(adjusted.axes)]
     figure = new_figure(5.2)
@@ -272,7 +273,7 @@ def draw_corrections(adjusted: Adjusted, course: Course) -> Drawing:
             axes.fill_between(along, value - sigma, value + sigma, color=_LIGHT, linewidth=0, zorder=0)
             axes.plot(along, value, "-", color=CONTROL, linewidth=1.1, zorder=2)
             axes.axhline(0, color=MUTED, linewidth=0.6, zorder=1)
-            axes.set_title(name if i == 0 else "", loc="left", fontsize=NORMAL)
+            axes.set_title(shortened(name, 90 // len(segments)) if i == 0 else "", loc="left", fontsize=NORMAL)
             axes.set_ylabel(f"{AXES[k]}\n({'mdeg' if k < 3 else 'cm'})" if j == 0 else "")
             last = "station" if course.time_s is None else f"s after {course.time_s[here.start]:g} s"
             axes.set_xlabel(last if i == len(rows) - 1 else "")

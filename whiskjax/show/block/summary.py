@@ -12,7 +12,19 @@ from jaxtyping import Float
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.block import ROLES
 from ...estimate.block.pos_errors import AXES
-from ..plain import PRIOR_ONLY, Summary, fit, fit_in_words, number, solver, versions, weights
+from ..plain import (
+    PRIOR_ONLY,
+    Summary,
+    check,
+    check_in_words,
+    fit,
+    fit_in_words,
+    number,
+    solver,
+    versions,
+    weights,
+    weights_in_words,
+)
 from .adjusted import Adjusted
 
 ENU = ("east", "north", "up")
@@ -49,7 +61,8 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "residuals": _residuals(adjusted),
         "point_sigmas": _point_sigmas(adjusted),
         "largest_residuals": _largest(adjusted, adjustment.used, _LARGEST),
-        "left_out": _largest(adjusted, ~adjustment.used, len(adjusted.block)),
+        "left_out": _largest(adjusted, adjusted.wrong, len(adjusted.block)),
+        "seen_once": list(adjustment.left_out),
         "weights": weights(adjustment.components),
         "warnings": list(adjustment.warnings),
         "versions": versions("jax", "numpy"),
@@ -59,7 +72,7 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
 
 
 def _counts(adjusted: Adjusted) -> Summary:
-    block, used = adjusted.block, adjusted.adjustment.used
+    block, used, wrong = adjusted.block, adjusted.adjustment.used, adjusted.wrong
     seen = np.bincount(block.point, minlength=len(block.role)) > 0
     return {
         "images": len(np.unique(adjusted.flight.measurements.image)),
@@ -67,8 +80,9 @@ def _counts(adjusted: Adjusted) -> Summary:
         "rays": {"all": len(block)} | {role: int((adjusted.role == role).sum()) for role in ROLES},
         "points": {"all": int(seen.sum())} | {role: int((seen & (block.role == role)).sum()) for role in ROLES},
         "points_unseen": int((~seen).sum()),
-        "rays_left_out": int((~used).sum()),
-        "points_left_out": int(np.setdiff1d(block.point[~used], block.point[used]).size),
+        "points_seen_once": len(adjusted.adjustment.left_out),
+        "rays_left_out": int(wrong.sum()),
+        "points_left_out": int(np.setdiff1d(block.point[wrong], block.point[used]).size),
     }
 
 
@@ -166,19 +180,20 @@ def _check(adjusted: Adjusted) -> Summary | None:
         "height_rmse_m": number(np.sqrt(square[2])),
         "mean_nees": number(nees.mean()),
         "expected_nees": 3,
+        **(check(adjusted.adjustment.check) or {}),
     }
 
 
 def _standard(adjusted: Adjusted) -> Summary | None:
     """Each limit and whether the check points meet it; None where none was asked for."""
-    standard, check = adjusted.standard, _check(adjusted)
+    standard, off = adjusted.standard, _check(adjusted)
     if standard is None:
         return None
     limits = []
     for what in ("planimetry", "height"):
         limit = getattr(standard, f"{what}_m")
         if limit is not None:
-            rmse = None if check is None else check[f"{what}_rmse_m"]
+            rmse = None if off is None else off[f"{what}_rmse_m"]
             limits.append({"what": what, "limit_m": limit, "rmse_m": rmse, "passes": None if rmse is None else rmse <= limit})
     return {"name": standard.name, "limits": limits, "passes": all(row["passes"] is True for row in limits)}
 
@@ -259,15 +274,16 @@ def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
         else f"after {iteration['steps']} steps {iteration['message']}"
     )
     reasons.append(fit_in_words(data["fit"]))
-    if (check := data["check"]) is None:
+    reasons += weights_in_words(data["weights"])
+    if (found := data["check"]) is None:
         cautions.append("there are no check points: nothing tests the result from outside")
     else:
-        nees = check["mean_nees"]
-        scale = "" if nees is None else f"; their errors are {math.sqrt(nees / 3):.2f} times as large as their covariances say"
         reasons.append(
-            f"{check['points']} check points are off by {check['planimetry_rmse_m']:.3f} m in planimetry and "
-            f"{check['height_rmse_m']:.3f} m in height (RMSE){scale}"
+            f"{found['points']} check points are off by {found['planimetry_rmse_m']:.3f} m in planimetry and "
+            f"{found['height_rmse_m']:.3f} m in height (RMSE)"
         )
+        if "agrees" in found:
+            reasons.append(check_in_words(found))
     if (standard := data["standard"]) is not None:
         failed = [row["what"] for row in standard["limits"] if not row["passes"]]
         said = (
@@ -281,6 +297,8 @@ def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
         cautions.append(f"fixed by the prior alone: {', '.join(held)}")
     if (n := counts["rays_left_out"]) > 0:
         cautions.append(f"{n} ray{'s' * (n > 1)} {'were' if n > 1 else 'was'} left out as wrong")
+    if (n := counts["points_seen_once"]) > 0:
+        cautions.append(f"{n} check or tie point{'s are' if n > 1 else ' is'} seen by one ray only and took no part")
     if (n := counts["points_unseen"]) > 0:
         cautions.append(f"{n} point{'s' * (n > 1)} of the flight {'are' if n > 1 else 'is'} seen by no image")
     is_sound = adjusted.adjustment.is_sound

@@ -73,7 +73,7 @@ def _table(section: str, figures: Sequence[Summary]) -> Table:
 
 def _said(f: Figure) -> str:
     reached = f"{_reached(f.reached, f.unit)} {_unit(f.unit)}".rstrip()
-    return f"{f.section}, {f.what}: {reached}, asked {_band(f.low, f.high)}"
+    return f"{f.section}, {f.what}: {reached}, band {_band(f.low, f.high)}"
 
 
 def _unit(unit: str) -> str:

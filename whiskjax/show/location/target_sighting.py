@@ -112,9 +112,11 @@ class Sighting:
         return float(np.sqrt(((self._given - self._given.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
     @property
-    def truth_variance_enu_m2(self) -> Float[np.ndarray, "3"]:
-        """Variance of the given position, east, north, up."""
-        return (np.asarray(self.flight.points.sigma_enu_m)[list(self.points)] ** 2).mean(axis=0)
+    def truth_covariance_enu_m2(self) -> Float[np.ndarray, "3 3"]:
+        """Of the given position, east, north, up: as it was stated, and of several points how they lie about their mean."""
+        stated = (np.asarray(self.flight.points.sigma_enu_m)[list(self.points)] ** 2).mean(axis=0)
+        apart = self.enu(self._given) - self.enu(self._given).mean(axis=0)
+        return np.diag(stated) + apart.T @ apart / len(apart)
 
     def enu(self, point_m: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """East, north and up of points from where the estimate ended."""

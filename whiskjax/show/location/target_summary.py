@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
 from ...earth.ellipsoid import ecef_to_geodetic
 from ...estimate.diagnosis import UNLIKELY, chi_square_tail
+from ...rules import Numbers
 from ...rules.results import codes_of, message_of
 from ..plain import Summary, number, probability, versions
 from .target_sighting import STATES, Sighting
@@ -67,7 +68,7 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
     return data
 
 
-def position(sighting: Sighting, point_m: Float[ArrayLike, "3"]) -> dict[str, float]:
+def position(sighting: Sighting, point_m: Float[Numbers, "3"]) -> dict[str, float]:
     """A point of the world in the coordinates of its files: degrees and ellipsoidal metres, or local metres."""
     if sighting.flight.world.kind == "local":
         return dict(zip(("x_m", "y_m", "z_m"), np.asarray(point_m).tolist(), strict=True))
@@ -92,7 +93,7 @@ def _accuracy(sighting: Sighting) -> Summary:
 def _truth(sighting: Sighting) -> Summary:
     """The error: estimated - given, and whether the covariance explains it."""
     error = -sighting.enu(sighting.truth_m)  # pyright: ignore[reportArgumentType]
-    spread = np.asarray(sighting.location.covariance_enu_m2) + np.diag(sighting.truth_variance_enu_m2)
+    spread = np.asarray(sighting.location.covariance_enu_m2) + sighting.truth_covariance_enu_m2
     nees = float(error @ np.linalg.solve(spread, error))
     return {
         **position(sighting, sighting.truth_m),  # pyright: ignore[reportArgumentType]
@@ -238,16 +239,20 @@ def _verdict(sighting: Sighting, data: Summary) -> Summary:
         cautions.append(f"{looks['gated']} of {looks['looks']} looks did not pass the gate and were left out")
     if looks["missed"] + looks["left_out"]:
         cautions.append(f"{looks['missed'] + looks['left_out']} of {looks['looks']} looks could not be used")
+    contradicted = False
     if truth is not None and truth["tail_probability"] <= UNLIKELY:
-        cautions.append(
+        contradicted = True
+        reasons.append(
             f"the given position lies {truth['error_m']:.3g} m off, more than the covariance explains (NEES {truth['nees']:.3g} "
             f"of 3 expected; probability by chance: {probability(truth['tail_probability'])})"
         )
+    elif truth is None and sighting.is_answered:
+        cautions.append("the position of the target was not given: nothing tests the result from outside")
     if sighting.is_answered:
         ratio = max(s / g for s, g in zip(data["sigma_enu_m"], guess["sigma_enu_m"], strict=True))
         if ratio > _PRIOR_SPEAKS:
             cautions.append(f"the first guess still speaks: a sigma is {ratio:.2f} of what it was before the looks (--sigma-enu)")
-    is_sound = sighting.location.is_sound
+    is_sound = sighting.location.is_sound and not contradicted
     return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}
 
 

@@ -224,18 +224,18 @@ def _beyond(section: str, summary: Summary) -> Table:
         verdict = "" if f["is_inside"] is None else "inside" if f["is_inside"] else "OUTSIDE"
         cells = (f["what"], _unit(f["unit"]), _range(f["low"], f["high"]), _reached(f["reached"], f["unit"]))
         rows.append((*map(Cell, cells), Cell(verdict, verdict == "OUTSIDE")))
-    heads = ("figure", "unit", "asked", "reached", "")
+    heads = ("figure", "unit", "band", "here", "")
     return Table(f"Beyond the tables: {section}", heads, (False, False, True, True, False), tuple(rows), _BEYOND[section])
 
 
 def _said_row(r: Summary) -> str:
     rmse, asked = fixed(r["nominal_rmse_m"], 3), _range(r["low_m"], r["high_m"])
-    return f"Table {r['table']}, {r['trial']}, {r['axis']}: RMSE {rmse} m, asked {asked}"
+    return f"Table {r['table']}, {r['trial']}, {r['axis']}: RMSE {rmse} m, band {asked}"
 
 
 def _said(f: Figure) -> str:
     reached = f"{_reached(f.reached, f.unit)} {_unit(f.unit)}".rstrip()
-    return f"{f.section}, {f.what}: {reached}, asked {_range(f.low, f.high)}"
+    return f"{f.section}, {f.what}: {reached}, band {_range(f.low, f.high)}"
 
 
 def _unit(unit: str) -> str:

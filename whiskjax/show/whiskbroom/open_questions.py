@@ -1,4 +1,4 @@
-"""What the paper leaves open, answered: the table of figures asked and reached, and a drawing for each question."""
+"""What the paper leaves open, answered: the table of figures and their bands, and a drawing for each question."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ def as_summary(findings: Sequence[Finding]) -> list[Summary]:
 
 
 def answers_table(rows: Sequence[Summary]) -> Table:
-    """Asked and reached, side by side; `rows` from `as_summary`."""
+    """Bands and figures side by side; `rows` from `as_summary`."""
     cells, breaks = [], []
     for i, row in enumerate(rows):
         new = i == 0 or row["question"] != rows[i - 1]["question"]
@@ -44,8 +44,8 @@ def answers_table(rows: Sequence[Summary]) -> Table:
             )
         )
     return Table(
-        "What the paper leaves open (asked and reached)",
-        ("question", "figure", "unit", "asked", "reached", ""),
+        "What the paper leaves open",
+        ("question", "figure", "unit", "band", "here", ""),
         (False, False, False, True, True, False),
         tuple(cells),
         "Prediction error: RMS length by which the calibrated sensor misses the points of the exact flight. Figures without a "
@@ -137,7 +137,7 @@ def _drift(answers: Answers) -> Drawing:
     dress(axes, grid="y")
     caption = (
         "One dot a seed, bars are means. Fifteen minutes later (L3, R3) constant parameters miss by several pixels; with a "
-        "boresight that may drift and six anchor points on each of the two images they do not (dashed: asked), and the first "
+        "boresight that may drift and six anchor points on each of the two images they do not (dashed: the band), and the first "
         "images keep theirs."
     )
     return Drawing(NAMES[1], "Drift of the boresight", caption, figure)
@@ -214,7 +214,7 @@ def _covariance(answers: Answers) -> Drawing:
     dress(axes, grid="y")
     caption = (
         f"{len(h.nees)} calibrations, truths drawn from the prior: the errors scatter as the covariance says, for the unknowns "
-        f"that only the prior holds as well (grey: asked; bars: 1-sigma of the ratio). Mean NEES {h.nees.mean():.2f}, expected "
-        f"{len(names)}."
+        f"that only the prior holds as well (grey: the band; bars: 1-sigma of the ratio). Mean NEES {h.nees.mean():.2f}, "
+        f"expected {len(names)}."
     )
     return Drawing(NAMES[4], "Is the covariance honest?", caption, figure)
