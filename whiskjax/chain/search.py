@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.implicit import implicit
@@ -180,7 +179,8 @@ def ground_to_image(
             else "a frame camera exposes the image at once: leave window_s out"
         )
     if window_s is not None:
-        if np.ndim(window_s) == 0 or len(window_s) != 2:
+        several = isinstance(window_s, tuple | list) or getattr(window_s, "ndim", 0) > 0
+        if not several or len(window_s) != 2:
             arrays.refuse("window_s", f"is {window_s!r}; the first and the last time are expected, (start, stop)")
         start, stop = (arrays.take("window_s", w, "...", absolute=True) for w in window_s)
         window_s = jnp.asarray(start), jnp.asarray(stop)
