@@ -7,7 +7,7 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..algebra.angles import sincos
 from ..algebra.vectors import Component, Vec3, stack, unstack
@@ -141,7 +141,7 @@ def geodetic_to_ecef(
 LAT_FIRST = "latitude before longitude"
 
 
-def take_lat_lon(arrays: Arrays, lat_rad: ArrayLike, lon_rad: ArrayLike) -> tuple[Array, Array]:
+def take_lat_lon(arrays: Arrays, lat_rad: Numbers, lon_rad: Numbers) -> tuple[Array, Array]:
     """Geodetic latitude and longitude as somebody's arguments of these names, (...) each.
 
     **Raises:** `WhiskjaxError` where they are no angles in radians, float32, or latitude beyond a pole.
