@@ -7,7 +7,9 @@ it: calibration, location, sensitivity. This file re-exports the public names an
 from . import flights as flights
 from .chain.bake import bake as bake
 from .chain.by import By as By
+from .chain.camera import AbstractCamera as AbstractCamera
 from .chain.camera import FrameCamera as FrameCamera
+from .chain.correction import AbstractBasis as AbstractBasis
 from .chain.correction import Bias as Bias
 from .chain.correction import Correction as Correction
 from .chain.correction import Drift as Drift
@@ -21,6 +23,7 @@ from .chain.imaging import ray as ray
 from .chain.line_camera import LineCamera as LineCamera
 from .chain.line_camera import LookTable as LookTable
 from .chain.lines import LineTimes as LineTimes
+from .chain.link import AbstractLink as AbstractLink
 from .chain.mounts import Axes as Axes
 from .chain.mounts import Mount as Mount
 from .chain.pose import Motion as Motion
@@ -30,6 +33,7 @@ from .chain.records import Records as Records
 from .chain.search import ground_to_image as ground_to_image
 from .chain.sensor import Sensor as Sensor
 from .chain.shot import Shot as Shot
+from .chain.stations import AbstractStations as AbstractStations
 from .chain.sweep import sweep as sweep
 from .chain.trajectory import PosePerImage as PosePerImage
 from .chain.trajectory import Trajectory as Trajectory
@@ -41,6 +45,7 @@ from .earth.ellipsoid import geodetic_to_ecef as geodetic_to_ecef
 from .earth.frames import enu_rotation as enu_rotation
 from .earth.frames import ned_rotation as ned_rotation
 from .earth.refraction import Refraction as Refraction
+from .earth.surface import AbstractSurface as AbstractSurface
 from .earth.surface import HeightSurface as HeightSurface
 from .earth.surface import Plane as Plane
 from .estimate.accuracy import Accuracy as Accuracy
@@ -63,6 +68,7 @@ from .estimate.calibrate import calibrate as calibrate
 from .estimate.consistency import nees as nees
 from .estimate.consistency import nees_band as nees_band
 from .estimate.intersection import intersect as intersect
+from .estimate.losses import AbstractLoss as AbstractLoss
 from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
 from .estimate.motions import motion_unknowns as motion_unknowns
@@ -86,4 +92,103 @@ from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError
 from .rules import WhiskjaxError as WhiskjaxError
+from .rules import first_failure as first_failure
 from .rules.progress import telling as telling
+from .rules.results import failure_if as failure_if
+from .rules.version import installed_version as _installed_version
+
+__version__ = _installed_version("whiskjax")
+
+# In the order of the rooms.
+__all__ = [
+    "__version__",
+    "FlightError",
+    "RESULTS",
+    "SensorError",
+    "WhiskjaxError",
+    "first_failure",
+    "telling",
+    "failure_if",
+    "ecef_to_geodetic",
+    "geodetic_to_ecef",
+    "enu_rotation",
+    "ned_rotation",
+    "Refraction",
+    "AbstractSurface",
+    "HeightSurface",
+    "Plane",
+    "bake",
+    "By",
+    "AbstractCamera",
+    "FrameCamera",
+    "AbstractBasis",
+    "Bias",
+    "Correction",
+    "Drift",
+    "OrientationImages",
+    "Spline",
+    "image_to_ground",
+    "project",
+    "ray",
+    "LineCamera",
+    "LookTable",
+    "LineTimes",
+    "AbstractLink",
+    "Axes",
+    "Mount",
+    "Motion",
+    "Pose",
+    "Process",
+    "Records",
+    "ground_to_image",
+    "Sensor",
+    "Shot",
+    "AbstractStations",
+    "sweep",
+    "PosePerImage",
+    "Trajectory",
+    "Encoder",
+    "Readings",
+    "Turn",
+    "Accuracy",
+    "accuracy",
+    "error_radius",
+    "Batch",
+    "calibrate_batch",
+    "calibrate_redrawn",
+    "images_of",
+    "adjust",
+    "Adjustment",
+    "Block",
+    "direct_positioning",
+    "PosErrors",
+    "TwoStep",
+    "two_step",
+    "Blunders",
+    "Calibration",
+    "calibrate",
+    "nees",
+    "nees_band",
+    "intersect",
+    "AbstractLoss",
+    "Cauchy",
+    "Huber",
+    "motion_unknowns",
+    "Observations",
+    "Comparison",
+    "compare",
+    "Unknown",
+    "assign",
+    "Reweigh",
+    "Guess",
+    "first_guess",
+    "locate",
+    "Location",
+    "Looks",
+    "ConstantVelocity",
+    "FrameNoise",
+    "flights",
+    "Flight",
+    "read_flight",
+    "write_flight",
+]

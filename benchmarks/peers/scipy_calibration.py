@@ -1,6 +1,6 @@
 """The calibration of gauss_newton.cpp by scipy: vectorised residuals and their analytic derivatives.
 
-Paper 000, equation 9: q = R_sen^T (S^T R_pos^T (M^T (P - X_gps) - u_gps) - u_sen), x = -f q1 / q3, y = -s f q2 / q3.
+Jin et al. (2024), equation 9: q = R_sen^T (S^T R_pos^T (M^T (P - X_gps) - u_gps) - u_sen), x = -f q1 / q3, y = -s f q2 / q3.
 """
 
 from math import cos, sin

@@ -146,7 +146,7 @@ def test_prints_every_table_and_the_verdict(reproduced, results):
 
 
 def test_correlations_fall_for_phi_and_stay_for_omega(results):
-    """equations.md: with the swing the correlation falls for phi_pos; the omega pair never separates."""
+    """With the swing the correlation falls for phi_pos; the omega pair never separates."""
     pairs = {p["first"]: p["correlation"] for p in results["correlation_by_scan"]["pairs"]}
     assert abs(pairs["phi_pos"][-1]) < 0.5 * abs(pairs["phi_pos"][0])
     assert min(abs(c) for c in pairs["omega_pos"][2:]) > 0.998

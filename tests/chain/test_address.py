@@ -27,6 +27,7 @@ SENSOR = wj.Sensor(
     "text, address",
     [
         ("platform.left.angles_rad[0]", Address("platform", ("left", "angles_rad"), (0,))),
+        ("platform.left.angles_deg[0]", Address("platform", ("left", "angles_rad"), (0,))),
         ("platform.right-2.angles_rad[2]", Address("platform", ("right-2", "angles_rad"), (2,))),
         ("camera.nadir.focal_px", Address("camera", ("nadir", "focal_px"), ())),
         ("camera.nadir.deformation_px[1, 3]", Address("camera", ("nadir", "deformation_px"), (1, 3))),
@@ -35,14 +36,15 @@ SENSOR = wj.Sensor(
 )
 def test_places_are_parsed_and_written_back(text, address):
     assert parse(text) == address
-    assert parse(address.text) == address
+    assert parse(address.text) == parse(address.inner) == address
+    assert "_rad" not in address.text and "_deg" not in address.inner
 
 
 @pytest.mark.parametrize(
     "text", ["body", "", "body.", ".delay_s", "body.delay_s[", "body.delay_s[-1]", "body.delay_s[a]", "1.x", "a b.c"]
 )
 def test_what_is_no_place_is_refused(text):
-    with pytest.raises(wj.WhiskjaxError, match=r"no place in a sensor; places look like 'platform\.left\.angles_rad\[0\]'"):
+    with pytest.raises(wj.WhiskjaxError, match=r"no place in a sensor; places look like 'platform\.left\.angles_deg\[0\]'"):
         parse(text)
 
 

@@ -44,6 +44,16 @@ def test_pixels_follow_the_published_formula(q):
     np.testing.assert_allclose(pixels(LENS, q), opencv(q, FOCAL_PX, CENTRE_PX, BROWN), rtol=0, atol=PIXEL)
 
 
+def test_four_coefficients_are_refused_and_the_remedy_is_right():
+    """As OpenCV gives them, k1, k2, p1, p2: taken as k1, k2, k3, p1 they were metres off on the ground, without a word."""
+    k1, k2, p1, p2 = -0.12, 0.05, 1e-3, -5e-4
+    with pytest.raises(wj.WhiskjaxError, match=r"distortion has shape \(4,\).*k1, k2, k3, p1, p2.*\[k1, k2, 0, p1, p2\] here"):
+        wj.FrameCamera(FOCAL_PX, CENTRE_PX, [k1, k2, p1, p2])
+    q = np.array([[0.3, 0.2, -1.0], [-0.4, 0.1, -1.0]])
+    found = pixels(wj.FrameCamera(FOCAL_PX, CENTRE_PX, [k1, k2, 0, p1, p2]), q)
+    np.testing.assert_allclose(found, opencv(q, FOCAL_PX, CENTRE_PX, (k1, k2, 0.0, p1, p2)), rtol=0, atol=PIXEL)
+
+
 def test_the_image_is_photogrammetric():
     """Image point (x, y, -f): column grows with x to the right, row grows against y, the camera looks along -z."""
     np.testing.assert_allclose(pixels(PLAIN, np.array([0.1, 0.0, -1.0])), CENTRE_PX + [400.0, 0.0], rtol=0, atol=PIXEL)

@@ -18,7 +18,7 @@ RADIAN = 1e-12
 
 
 def collinearity(flown, t, point, left):
-    """Paper 000, equation (9): pixel (x, y) of a ground point; y with the sign of the swing (equations.md)."""
+    """Jin et al. (2024), equation (9): pixel (x, y) of a ground point; y with the sign of the swing."""
     truth = flown.truth
     forward_left_up = np.diag([1.0, -1.0, -1.0])
     attitude, position = flown.body
@@ -50,7 +50,7 @@ def test_000_equation_9_is_the_projection(swings, swing):
     np.testing.assert_allclose(got, expected, rtol=0, atol=PIXEL)
 
 
-# Paper 001: a three-line camera in one focal plane. u, v, w lead from the projection centre to the antenna.
+# Wang et al. (2018): a three-line camera in one focal plane. u, v, w lead from the projection centre to the antenna.
 FOCAL_PX, VIEWS_DEG = 26000.0, (27.0, 0.0, -14.0)
 ARM_M, MISALIGNMENT = np.array([0.3, -0.2, 1.1]), np.radians([0.4, -0.3, 0.7])
 
@@ -100,7 +100,7 @@ def frame_turn(axis, angle):
 
 
 def test_003_pixels_are_those_of_the_chain():
-    """equations.md: (m, n) = f/a (u_x, u_y)/u_z, u = Ry(alpha) Rx(beta) Rx(roll) Ry(pitch) Rz(yaw) C_ne (target - platform)."""
+    """(m, n) = f/a (u_x, u_y)/u_z, u = Ry(alpha) Rx(beta) Rx(roll) Ry(pitch) Rz(yaw) C_ne (target - platform)."""
     rng = np.random.default_rng(35)
     n = 6
     time = np.arange(n) * 3.0

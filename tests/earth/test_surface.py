@@ -132,7 +132,7 @@ def test_misses_are_flagged_with_finite_gradients(miss, case):
 
 
 def test_the_true_surface_is_not_the_lengthened_ellipsoid():
-    """Repaired equation (10) of paper 003: 0.010 m on the ground at 78 deg off nadir; two orders above the tolerance."""
+    """Repaired equation (10) of Liu et al. (2019): 0.010 m on the ground at 78 deg off nadir; two orders above the tolerance."""
     origin, direction = look(np.radians(43.3), np.radians(84.2), 10000.0, np.radians(78), np.radians(-44))
     height = 1551.0
     scaled = np.array([6378137.0 + height] * 2 + [6356752.314245179 + height])

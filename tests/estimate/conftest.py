@@ -19,5 +19,5 @@ def calibration(flight):
 
 @pytest.fixture(scope="session")
 def textbook(flight):
-    """Whitened residuals of the whiskbroom as a plain loop over observations: paper 000, equation 9, numpy and scipy only."""
+    """Whitened residuals of the scanner in a plain loop over observations: Jin et al. (2024), equation 9, by numpy and scipy."""
     return Textbook(flight)

@@ -106,7 +106,7 @@ def test_motions_that_make_no_sense(link, sigmas, message):
 
 def test_a_coefficient_that_is_not_there_has_no_place():
     beyond = wj.motion_unknowns(sensor(BIAS), "pos", turn_sigma_rad=(1.0, 0.0, 0.0), coefficients=(1,))
-    with pytest.raises(wj.WhiskjaxError, match=r"pos.turn_rad\[1,0\]: the array there has shape \(1, 3\)"):
+    with pytest.raises(wj.WhiskjaxError, match=r"pos.turn_deg\[1,0\]: the array there has shape \(1, 3\)"):
         wj.assign(sensor(BIAS), beyond, [0.0])
 
 

@@ -122,8 +122,8 @@ def test_images_with_control_points_have_groups(flight):
     observations, unknowns = flight.observations(), flight.unknowns
     assert group(wj.Reweigh(), observations, unknowns).names == ("L1 x", "L1 y", "R1 x", "R1 y")
     found = group(wj.Reweigh(priors=True), observations, unknowns)
-    priors = [f"prior of {place}" for place in ("gps_arm lever_arm_m", "platform angles_rad", "sensor lever_arm_m")]
-    assert found.names == ("L1 x", "L1 y", "R1 x", "R1 y", *priors, "prior of sensor angles_rad")
+    priors = [f"prior of {place}" for place in ("gps_arm lever_arm_m", "platform angles_deg", "sensor lever_arm_m")]
+    assert found.names == ("L1 x", "L1 y", "R1 x", "R1 y", *priors, "prior of sensor angles_deg")
     images = np.array(observations.images)
     np.testing.assert_array_equal(found.observed[images == "R1"], np.broadcast_to([2, 3], (75, 2)))
     assert (found.observed[~np.isin(images, ["L1", "R1"])] == -1).all()

@@ -112,7 +112,7 @@ class MadeUp:
 
 
 class Textbook:
-    """Collinearity of paper 000 with its own interpolation, geodesy and rotations; x is the 15 values in m and rad.
+    """Collinearity of Jin et al. (2024) with its own interpolation, geodesy and rotations; x is the 15 values in m and rad.
 
     Of the control points, or of all.
     """

@@ -94,7 +94,7 @@ TOML = {
     "no link": (('link = "axes"\n', ""), ("chain[1] (frame 'flu')", "the key link is missing")),
     "no frame": (('frame = "flu"\n', ""), ("chain[1]", "frame is missing")),
     "frame twice": (('frame = "flu"', 'frame = "body"'), ("chain[1]", "'body' is there twice")),
-    "frame name": (('frame = "flu"', 'frame = "earth"'), ("flight.toml", "'earth' cannot name a frame")),
+    "frame name": (('frame = "flu"', 'frame = "earth"'), ("flight.toml: chain[1]", "'earth' cannot name a frame")),
     "left-handed": (("x -y -z", "x -y z"), ("chain[1] (frame 'flu')", "left-handed")),
     "camera kind": (('kind = "line"', 'kind = "lines"'), ("camera.options.left", "kind = 'lines' is unknown", "'line'")),
     "focal length": (("focal_px = 10750.0", "focal_px = 0.0"), ("camera.options.left.focal_px", "greater than 0")),

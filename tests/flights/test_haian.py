@@ -25,7 +25,7 @@ def test_residuals_before_calibration(seed):
 
 
 def test_the_other_order_parts_left_and_right():
-    """equations.md: with Ry(pitch) Rx(scan) the mean x of left and right differ by about 10.8 px (the paper: 0.6)."""
+    """With Ry(pitch) Rx(scan) the mean x of left and right differ by about 10.8 px (the paper: 0.6)."""
     differences = []
     for scan_first in (True, False):
         flight = haian.simulate(0, scan_first=scan_first)

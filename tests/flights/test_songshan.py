@@ -28,7 +28,7 @@ def entries(block):
 
 
 class Textbook:
-    """The imaging chain of paper 001 once more, for one point at a time: samples of the true poses, scipy's rotations."""
+    """The imaging chain of Wang et al. (2018) once more, for one point at a time: the true poses' samples, scipy's rotations."""
 
     def __init__(self, body):
         self.time = np.asarray(body.knots.time_s)

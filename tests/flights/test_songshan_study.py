@@ -1,4 +1,4 @@
-"""The study of paper 001: its truth that matches the model, wrong ties, control points, attitude, against loops and scipy."""
+"""The study of Wang et al. (2018): the matching truth, wrong ties, control points, attitude, against loops and scipy."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The study of paper 003: its statistics, its bound and what refraction does, against numpy, PROJ and the textbook's chain."""
+"""The study of Liu et al. (2019): statistics, bound and what refraction does, against numpy, PROJ and a textbook's chain."""
 
 import math
 

@@ -57,7 +57,9 @@ def test_batches_of_one_owner_broadcast():
     arrays = Arrays("Thing")
     arrays.take("pixel_px", np.zeros((5, 1, 2)), "... 2")
     arrays.take("time_s", np.zeros(4), "...")
-    with pytest.raises(WhiskjaxError, match=r"height_m has the batch shape \(3,\), which does not broadcast with \(5, 4\)"):
+    with pytest.raises(
+        WhiskjaxError, match=r"height_m has the batch shape \(3,\), which does not broadcast with \(5, 4\) of time_s"
+    ):
         arrays.take("height_m", np.zeros(3), "...")
 
 

@@ -1,4 +1,4 @@
-"""The study of paper 003 as data, tables, words, drawings and a page, from made-up trials under the names of `measure`."""
+"""The study of Liu et al. (2019) as data, tables, words, drawings, a page, from made-up trials under the names of `measure`."""
 
 import csv
 import json

@@ -6,8 +6,11 @@ import json
 import numpy as np
 import pytest
 
+from whiskjax.estimate.unknown import Unknown
 from whiskjax.estimate.variance_components import Components
 from whiskjax.estimate.verdict import CheckTest
+from whiskjax.files.schema import UnknownTable
+from whiskjax.files.unknowns import unknowns_from_toml
 from whiskjax.rules import RESULTS
 from whiskjax.show.plain import probability
 from whiskjax.show.residuals import gather
@@ -30,6 +33,18 @@ def test_parameters_are_in_their_unit(summary, calibration):
         np.testing.assert_allclose(p["sigma"], factor * calibration.posterior.sigma[k], rtol=1e-12)
         np.testing.assert_allclose(p["data_share"], 1 - (p["sigma"] / p["prior_sigma"]) ** 2, rtol=0, atol=1e-12)
         np.testing.assert_allclose(p["from_prior_sigmas"], (p["value"] - p["prior_mean"]) / p["prior_sigma"], rtol=1e-12)
+
+
+def test_places_are_called_as_in_files(summary, calibration, flight):
+    """What results print of an unknown is what flight.toml takes, and Python too: numbers are in the unit that they state."""
+    for p, unknown in zip(summary["parameters"], calibration.unknowns, strict=True):
+        prior = {key: p[key] for key in ("prior_mean", "prior_sigma")}
+        (read,) = unknowns_from_toml([UnknownTable(name=p["name"], where=p["where"], **prior)], flight.sensor, 0.0)
+        written = Unknown(p["name"], p["where"][0], p["prior_mean"], p["prior_sigma"])
+        for again in (read, written):
+            assert (again.name, again.places) == (unknown.name, unknown.places)
+            np.testing.assert_allclose([again.mean, again.sigma], [unknown.mean, unknown.sigma], rtol=1e-14)
+    assert {"sensor.angles_deg[0]", "sensor.lever_arm_m[2]"} <= {p["where"][0] for p in summary["parameters"]}
 
 
 @pytest.mark.parametrize("stage", ["before", "after"])

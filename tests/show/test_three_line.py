@@ -1,4 +1,4 @@
-"""The study of paper 001 as data, tables, words, drawings and a page, from made-up blocks under the names of `measure`."""
+"""The study of Wang et al. (2018) as data, tables, words, drawings, a page, from made-up blocks under the names of `measure`."""
 
 import csv
 import json

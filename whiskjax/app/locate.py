@@ -35,7 +35,7 @@ _OURS = (
     "innovations.png",
     *_MAPS,
 )
-_SIGMA_UP_M = 1500.0  # of the first guess (paper 003, equation 19) ...
+_SIGMA_UP_M = 1500.0  # of the first guess (Liu et al. 2019, equation 19) ...
 _SHARE_OF_HEIGHT = 1 / 3  # ... or of the platform's height above it, if that is less
 _LEAST_SLANT = 0.2
 _FAR_M = 1e9  # no target is so little known

@@ -1,4 +1,4 @@
-"""`whiskjax reproduce location`: paper 003 beside its simulation."""
+"""`whiskjax reproduce location`: Liu et al. (2019) beside its simulation."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""`whiskjax reproduce three-line`: paper 001 beside its simulation."""
+"""`whiskjax reproduce three-line`: Wang et al. (2018) beside its simulation."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

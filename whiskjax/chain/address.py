@@ -1,4 +1,8 @@
-"""Where a number lives in a sensor: "platform.left.angles_rad[0]"."""
+"""Where a number lives in a sensor: "platform.left.angles_deg[0]", as files, results and messages call it.
+
+The sensor holds radians: its field is `angles_rad`, and a place may be written so too. Which of the two somebody writes says the
+unit of the numbers that go with it.
+"""
 
 import dataclasses
 import re
@@ -25,24 +29,42 @@ class Address(NamedTuple):
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """As it is written for people, and as flight.toml takes it: angles in degrees."""
+        return self._written(_INNER.sub("_deg", self.path[-1]))
+
+    @property
+    def inner(self) -> str:
+        """As the sensor's fields are called: angles in radians."""
+        return self._written(self.path[-1])
+
+    def _written(self, field: str) -> str:
         index = f"[{','.join(map(str, self.index))}]" if self.index else ""
-        return ".".join((self.link, *self.path)) + index
+        return ".".join((self.link, *self.path[:-1], field)) + index
 
 
+_INNER, _SHOWN = re.compile("_rad$"), re.compile("_deg$")
 _FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?$")
 
 
 def parse(text: str) -> Address:
-    """**Raises:** `WhiskjaxError` where the text is not of the form link.field[i] or link.option.field[i]."""
+    """A place, with its angles in degrees or in radians.
+
+    **Raises:** `WhiskjaxError` where the text is not of the form link.field[i] or link.option.field[i].
+    """
     match = _FORM.match(text.strip()) if isinstance(text, str) else None
     if match is None:
         raise WhiskjaxError(
-            f"{text!r} is no place in a sensor; places look like 'platform.left.angles_rad[0]' or 'camera.focal_px'"
+            f"{text!r} is no place in a sensor; places look like 'platform.left.angles_deg[0]' or 'camera.focal_px'"
         )
     link, *path = match[1].split(".")
+    path[-1] = _SHOWN.sub("_rad", path[-1])
     index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
     return Address(link, tuple(path), index)
+
+
+def is_in_degrees(text: str) -> bool:
+    """Whether a place is written in degrees, so that the numbers that go with it are."""
+    return _SHOWN.search(text.strip().partition("[")[0]) is not None
 
 
 def _step(node: Any, name: str, text: str) -> Any:

@@ -56,7 +56,7 @@ class Bias(AbstractBasis):
 
 
 class Drift(AbstractBasis):
-    """Two coefficients: the value at `start_s`, and the change over `span_s` (paper 001, equation 6: a + b (t - t0))."""
+    """Two coefficients: the value at `start_s`, and the change over `span_s` (Wang et al. 2018, equation 6: a + b (t - t0))."""
 
     start_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     span_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
@@ -161,7 +161,7 @@ class AbstractUniform(AbstractBasis):
 
 
 class OrientationImages(AbstractUniform):
-    """Corrections at orientation images, interpolated by the cubic through the four nearest (Lagrange weights, paper 001).
+    """Corrections at orientation images, interpolated by the cubic through the four nearest (Lagrange weights, Wang et al. 2018).
 
     Node k lies at start_s + k * spacing_s; the first and last intervals use the cubic of the nearest four nodes.
     """

@@ -203,7 +203,7 @@ def _project(sensor: Sensor, shot: Shot, point_m: Float[Array, "... 3"]) -> Proj
 
 
 def project(sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], *, throw: bool = True) -> Projection:
-    """Pixel of a ground point at the shot's own time (the collinearity equations: paper 000, equation 9).
+    """Pixel of a ground point at the shot's own time (the collinearity equations: Jin et al. 2024, equation 9).
 
     For a line camera the second coordinate says how far beside the line the point is imaged at that time; `ground_to_image`
     finds the time when it is imaged on the line. Whether the pixel lies on the detector is not asked here.

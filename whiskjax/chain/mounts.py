@@ -19,8 +19,8 @@ class Mount(AbstractLink):
     """A constant lever arm and small angles, what gets calibrated: p_outer = R p_inner + lever_sign * lever_arm_m.
 
     R = R_order[0](angles[0]) R_order[1](angles[1]) R_order[2](angles[2]), active. `lever_sign` is +1 where the lever arm leads
-    from the outer origin to the inner one (paper 000: antenna to platform), -1 where it leads back (paper 001: projection centre
-    to antenna). None is exactly zero and costs nothing.
+    from the outer origin to the inner one (Jin et al. 2024: antenna to platform), -1 where it leads back (Wang et al. 2018:
+    projection centre to antenna). None is exactly zero and costs nothing.
     """
 
     lever_arm_m: Float[Array, "*batch 3"] | None = eqx.field(converter=parameter)

@@ -29,6 +29,11 @@ class Process(AbstractBasis):
     kind: str = eqx.field(static=True)
     parameter: float = eqx.field(static=True)  # start_sigma of a random walk, correlation_s of the others
 
+    def __check_init__(self):
+        arrays = Arrays("Process")
+        arrays.take("time_s", self.time_s, "nodes", absolute=True)
+        arrays.take("root", self.root, "nodes nodes")
+
     @classmethod
     def random_walk(cls, time_s: Float[Numbers, " nodes"], start_sigma: float = 0.0) -> "Process":
         """Brownian motion: independent changes, variance growing with time.

@@ -186,7 +186,8 @@ def ground_to_image(
             else "a frame camera exposes the image at once: leave window_s out"
         )
     if window_s is not None:
-        if not hasattr(window_s, "__len__") or len(window_s) != 2:
+        several = isinstance(window_s, tuple | list) or getattr(window_s, "ndim", 0) > 0
+        if not several or len(window_s) != 2:
             arrays.refuse("window_s", f"is {window_s!r}; the first and the last time are expected, (start, stop)")
         start, stop = (arrays.take("window_s", w, "...", absolute=True) for w in window_s)
         window_s = jnp.asarray(start), jnp.asarray(stop)

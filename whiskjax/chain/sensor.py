@@ -17,6 +17,14 @@ from .shot import Shot
 _TAKEN = ("camera", "earth", "refraction")
 
 
+def check_frame_name(name: str) -> None:
+    """**Raises:** `WhiskjaxError` where a name is no word, or one that is a place of its own."""
+    if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
+        raise WhiskjaxError(
+            f"{name!r} cannot name a frame: a word is needed, and not {' or '.join(map(repr, _TAKEN))}, which are taken"
+        )
+
+
 class Sensor(eqx.Module):
     """The imaging chain: `Sensor({"body": Trajectory(...), "platform": Mount(...), ...}, camera)`.
 
@@ -36,8 +44,7 @@ class Sensor(eqx.Module):
         if not links:
             raise WhiskjaxError("a sensor needs at least one link from the Earth, as Sensor({'body': Trajectory(...)}, camera)")
         for name, link in links.items():
-            if not name.isidentifier() or name in _TAKEN:
-                raise WhiskjaxError(f"{name!r} cannot name a frame: a word is needed, and not {' or '.join(map(repr, _TAKEN))}")
+            check_frame_name(name)
             if not isinstance(link, AbstractLink) or is_camera(link):
                 found = "a By of cameras" if is_camera(link) and isinstance(link, By) else type(link).__name__
                 raise WhiskjaxError(f"Sensor: links: {name}: a link is needed here, not {found}")

@@ -39,8 +39,7 @@ class AbstractSurface(eqx.Module):
 def need_surface(owner: str, surface: Any) -> None:
     """**Raises:** `WhiskjaxError` where a surface is none: a bare height, say. `owner` is whose argument it is."""
     if isinstance(surface, type) or not callable(getattr(surface, "intersect", None)):
-        given = np.asarray(surface)
-        height = given.size == 1 and given.dtype.kind in "iuf"
+        height = isinstance(surface, int | float | np.number)
         remedy = f"HeightSurface({surface})" if height else "HeightSurface(height_m), Plane(point_m, normal) or your own"
         raise WhiskjaxError(f"{owner}: surface is {surface!r}, which no ray can be intersected with; give {remedy}")
 

@@ -107,9 +107,9 @@ def calibrate(
 ) -> Calibration:
     """Estimate unknowns of any instrument from control points and priors.
 
-    Minimises the whitened squares of residuals and priors by Levenberg-Marquardt (paper 000, equations 12 to 16, generalised: the
-    pseudo-observations are the priors). Check points take no part and are reported apart. The sigmas of control point coordinates
-    are propagated into the weights at the start.
+    Minimises the whitened squares of residuals and priors by Levenberg-Marquardt (Jin et al. 2024, equations 12 to 16,
+    generalised: the pseudo-observations are the priors). Check points take no part and are reported apart. The sigmas of control
+    point coordinates are propagated into the weights at the start.
 
     **Arguments:**
 

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..rules import Arrays
 
@@ -23,10 +23,18 @@ def nees(error: Float[np.ndarray, "runs k"], covariance: Float[np.ndarray, "runs
     error = np.asarray(arrays.take("error", error, "runs k"))
     covariance = np.asarray(arrays.take("covariance", covariance, "runs k k"))
     known = np.isfinite(covariance).all(axis=(1, 2))  # a run without an answer has no number
-    flat = np.flatnonzero(known)[~(np.linalg.eigvalsh(covariance[known])[:, 0] > 0)] if covariance.size else ()
-    if len(flat):
+    flat = np.flatnonzero(known)[~_is_positive_definite(covariance[known])]
+    if flat.size:
         arrays.refuse("covariance", f"of run {flat[0]} is not positive definite")
     return np.einsum("ri,ri->r", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+
+
+def _is_positive_definite(covariance: Float[np.ndarray, "runs k k"]) -> Bool[np.ndarray, " runs"]:
+    """Judged by correlations, in which units do not matter."""
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    sigma = np.sqrt(np.where(variance > 0, variance, 1.0))
+    least = np.linalg.eigvalsh(covariance / (sigma[:, :, None] * sigma[:, None, :])).min(axis=1, initial=np.inf)
+    return (variance > 0).all(axis=1) & (least > 0)
 
 
 def nees_band(unknowns: int, runs: int) -> tuple[float, float]:

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 # A direction counts as undetermined where its singular value, columns scaled to one, is below this share of the largest: well
-# above what rounding leaves of an exact zero (1e-13), well below the weakest real ones seen (1e-9 in paper 000's 12 unknowns).
+# above what rounding leaves of an exact zero (1e-13), well below the weakest real ones seen (1e-9 in the 12 unknowns of Jin et
+# al. 2024).
 _RANK_TOLERANCE = 1e-11
 _NAMED_SHARE = 0.1
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..chain.address import Address, make_room, parse, put, read
+from ..chain.address import Address, is_in_degrees, make_room, parse, put, read
 from ..chain.sensor import Sensor
 from ..rules import Arrays, Numbers, WhiskjaxError, need
 from ..rules.spread import LEAST_SCALE, MOST_SCALE, refuse_sigmas
@@ -39,9 +39,11 @@ class Unknown:
     **Arguments:**
 
     - `name`: for people, as "omega_pos_left".
-    - `where`: its place in the sensor, as "platform.left.angles_rad[0]", or several places that share the one number.
-    - `mean`, `sigma`: a-priori knowledge as a 1-sigma, in the unit of the field (metres, radians, seconds, pixels). Both or
-      neither.
+    - `where`: its place in the sensor, as "platform.left.angles_rad[0]", or several places that share the one number. Files and
+      results write "platform.left.angles_deg[0]": that is taken too, with the numbers below in degrees, and is turned into
+      radians here.
+    - `mean`, `sigma`: a-priori knowledge as a 1-sigma, in the unit of the place (metres, radians or degrees, seconds, pixels).
+      Both or neither.
     - `scale`: without a prior, the size of a typical change; it whitens the unknown and does not pull on it.
 
     The iteration starts from the value that the sensor holds. The unit follows from the field's suffix.
@@ -62,6 +64,7 @@ class Unknown:
         for field in ("mean", "sigma", "scale"):
             value = arrays.take(field, getattr(self, field), "", optional=True)
             object.__setattr__(self, field, None if value is None else float(value))
+        self._to_radians()
         if (self.mean is None) != (self.sigma is None):
             raise WhiskjaxError(f"unknown {self.name}: a prior has both a mean and a sigma; without a prior give a scale")
         if (self.sigma is None) == (self.scale is None):
@@ -77,6 +80,22 @@ class Unknown:
         if self.mean is not None and not abs(self.mean) <= MOST_SCALE:
             raise WhiskjaxError(f"unknown {self.name}: a prior mean of {self.mean:g} is no number to reckon with")
         refuse_sigmas(np.array([size]), lambda _: f"unknown {self.name}: its {what}", least=LEAST_SCALE, most=MOST_SCALE)
+
+    def _to_radians(self) -> None:
+        """From degrees, where the place is written in them."""
+        where = (self.where,) if isinstance(self.where, str) else tuple(self.where)
+        written = {is_in_degrees(text) for text in where}
+        if len(written) > 1:
+            raise WhiskjaxError(
+                f"unknown {self.name}: {', '.join(where)} share one number: write all in degrees, or all in radians"
+            )
+        if not written.pop():
+            return
+        inner = tuple(place.inner for place in self.places)
+        object.__setattr__(self, "where", inner[0] if isinstance(self.where, str) else inner)
+        for field in ("mean", "sigma", "scale"):
+            if (value := getattr(self, field)) is not None:
+                object.__setattr__(self, field, math.radians(value))
 
     @property
     def places(self) -> tuple[Address, ...]:

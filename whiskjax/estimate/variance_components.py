@@ -110,7 +110,8 @@ def _prior_groups(rule: Reweigh, unknowns: Sequence[Unknown]) -> Mapping[str, Se
     for x in unknowns:
         if x.sigma is not None:
             place = x.places[0]
-            groups.setdefault(f"prior of {place.link} {place.path[-1]}", []).append(x.name)
+            field = place.text.partition("[")[0].rpartition(".")[2]
+            groups.setdefault(f"prior of {place.link} {field}", []).append(x.name)
     return groups
 
 

@@ -14,7 +14,7 @@ from ..chain.link import AbstractLink, Fixed
 from ..chain.mounts import Axes, Mount
 from ..chain.possible import refuse_impossible_speed
 from ..chain.process import Process
-from ..chain.sensor import Sensor
+from ..chain.sensor import Sensor, check_frame_name
 from ..chain.trajectory import PosePerImage, Trajectory
 from ..chain.turn import Encoder, Turn
 from ..chain.wraps import unwrapped
@@ -44,6 +44,7 @@ def sensor_from_toml(source: Source) -> Sensor:
         place = f"{NAME}: chain[{i}]"
         if not entry.frame:
             raise FlightError(f"{place}: frame is missing: name the frame that this link leads to")
+        _made(place, lambda _, name=entry.frame: check_frame_name(name))
         if entry.frame in links:
             raise FlightError(f"{place}: the frame {entry.frame!r} is there twice")
         links[entry.frame] = _made(f"{place} (frame {entry.frame!r})", _link, entry, source)

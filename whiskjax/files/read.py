@@ -1,9 +1,10 @@
 """Read a flight folder."""
 
+import os
 from pathlib import Path
 
 from ..flights.flight import Flight, World
-from ..rules import FlightError, require_x64
+from ..rules import FlightError, WhiskjaxError, need, require_x64
 from .chain_from_toml import Source, sensor_from_toml
 from .check import check_flight
 from .flight_toml import NAME, load_flight_toml
@@ -29,13 +30,14 @@ def read_flight(folder: str | Path) -> Flight:
     float64 is off; `ImportError` where the extra "files" is not installed.
     """
     require_x64("read_flight")
+    need("read_flight", "folder", folder, (str, os.PathLike))
     folder = Path(folder)
     toml = load_flight_toml(folder)
     lat_lon_height = toml.world.origin
     origin = None if lat_lon_height is None else (lat_lon_height[0], lat_lon_height[1], lat_lon_height[2])
     try:
         world = World(toml.world.kind, origin, toml.world.height_datum)
-    except FlightError as error:
+    except WhiskjaxError as error:
         raise FlightError(f"{NAME}: world: {error}") from error
     source = Source(folder, toml)
     sensor = sensor_from_toml(source)

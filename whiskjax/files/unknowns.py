@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..chain.address import make_room
+from ..chain.address import is_in_degrees, make_room
 from ..chain.sensor import Sensor
 from ..estimate.unknown import Unknown, admit
 from ..rules import FlightError, WhiskjaxError
 from .flight_toml import NAME
-from .units import degrees, file_place, file_words, inner_place, is_angle, is_pixel_place
+from .units import degrees, file_words, inner_place, is_angle, is_pixel_place
 
 if TYPE_CHECKING:
     from .schema import UnknownTable
@@ -53,9 +53,8 @@ def _unknown(entry: "UnknownTable", sensor: Sensor, first_centre: float) -> Unkn
 
 def unknown_to_toml(unknown: Unknown) -> dict[str, Any]:
     """One entry of [[unknown]]."""
-    places = [place.text for place in unknown.places]
-    shown = degrees if is_angle(places[0]) else float
-    where = [file_place(place) for place in places]
+    where = [place.text for place in unknown.places]
+    shown = degrees if is_in_degrees(where[0]) else float
     values = {"prior_mean": unknown.mean, "prior_sigma": unknown.sigma, "scale": unknown.scale}
     numbers = {key: shown(value) for key, value in values.items() if value is not None}
     return {"name": unknown.name, "where": where if len(where) > 1 else where[0]} | numbers

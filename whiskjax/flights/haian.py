@@ -1,4 +1,4 @@
-"""The whiskbroom scanner with left and right swings over Haian: a seeded simulation of paper 000.
+"""The whiskbroom scanner with left and right swings over Haian: a seeded simulation of Jin et al. (2024).
 
 Jin et al. (2024), Geometric external calibration method for the airborne large-view-field infrared scanner considering different
 effects of left and right pendulum directions, National Remote Sensing Bulletin 28(9), 2372-2382. What the paper leaves out (focal
@@ -57,7 +57,7 @@ POINT_SIGMA_M = np.array([0.03, 0.03, 0.05])
 
 
 class Truth(NamedTuple):
-    """The calibration parameters, metres and radians: paper 000, Table 4 by default."""
+    """The calibration parameters, metres and radians: Jin et al. (2024), Table 4 by default."""
 
     gps_arm_m: np.ndarray
     left_rad: np.ndarray
@@ -114,7 +114,7 @@ def sensor(
     platform: AbstractLink | None = None,
     scan_first: bool = True,
 ) -> Sensor:
-    """The whiskbroom scanner: paper 000, equation 5, with R_scan = Rx(scan) Ry(pitch), or Ry Rx where `scan_first` is off.
+    """The whiskbroom scanner: Jin et al. (2024), equation 5, with R_scan = Rx(scan) Ry(pitch), Ry Rx where `scan_first` is off.
 
     Body there is x forward, y left, z up; image y = s * camera y with s = +1 on the left and -1 on the right swing.
     """

@@ -1,4 +1,4 @@
-"""The answers to what paper 000 leaves open, beside what was asked of them."""
+"""The answers to what Jin et al. (2024) leave open, beside what was asked of them."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""What paper 000 leaves open, tried on its flight: weights, drift, blunders, the choice of the model, POS errors.
+"""What Jin et al. (2024) leave open, tried on their flight: weights, drift, blunders, the choice of the model, POS errors.
 
 Each question is asked of many seeds by the public verbs; nothing here knows more than a user could. The measure of a calibration
 is its noise-free prediction error: how far it misses the points of an exact flight (same seed, no errors in POS, points and

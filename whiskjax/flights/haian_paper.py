@@ -1,4 +1,4 @@
-"""What paper 000 prints (Jin et al. 2024, Tables 1 to 7), and the bands within which a correct implementation lies.
+"""What Jin et al. (2024) print in Tables 1 to 7, and the bands within which a correct implementation lies.
 
 Plain data. Bands are those of the scenario: the seed-to-seed spread of an independent implementation. Images have the names of
 section 3.2; those of section 3.1 are the same ones by their figures: A = L1, B = R2, C = L2.

@@ -1,4 +1,4 @@
-"""Paper 000 as a study over seeds: calibrated from the left image alone and from both, and each applied to all six images.
+"""Jin et al. (2024) as a study over seeds: calibrated from the left image alone and from both, each applied to all six images.
 
 Whose R_pos is applied to an image is a key of the shot of its own here ("view"), beside the swing with which the image was made:
 left parameters on a right image then are further observations that take no part, and one call of `calibrate_batch` gives the

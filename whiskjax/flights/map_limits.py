@@ -1,4 +1,4 @@
-"""How accurate check points have to be for a map: limits by scale and terrain, as paper 001 prints them."""
+"""How accurate check points have to be for a map: limits by scale and terrain, as Wang et al. (2018) print them."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -27,6 +27,6 @@ _TABLE_7 = {  # flat ground has a second limit in height, 0.15 in brackets, at 1
     5000: ((1.75, 1.75, 2.5, 2.5), (0.3, 1.0, 2.0, 2.5)),
 }
 PROFILE = Profile(
-    "GB/T 23236, as printed in paper 001, Table 7",
+    "GB/T 23236, as printed in Wang et al. (2018), Table 7",
     {(scale, ground): Limit(*pair) for scale, rows in _TABLE_7.items() for ground, *pair in zip(_TERRAINS, *rows, strict=True)},
 )

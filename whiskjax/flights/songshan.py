@@ -1,4 +1,4 @@
-"""The three-line camera over Songshan: a seeded simulation of paper 001.
+"""The three-line camera over Songshan: a seeded simulation of Wang et al. (2018).
 
 Wang et al. (2018), Investigation on GNSS lever arms and IMU boresight misalignment calibration of domestic airborne wide-field
 three CCD camera, Acta Geodaetica et Cartographica Sinica 47(11), 1474-1486. Data set A has two pairs of crossing reciprocal
@@ -77,7 +77,7 @@ class Scene:
     - `noise`: "nominal" or "paper-like".
     - `ties`: number of tie points; None is as many as the paper has. Fewer leave everything else as it is.
     - `spacing_s`, `basis`: of the corrections of POS, "orientation images" or "spline", with nodes in every strip.
-    - `drift`: whether every strip has a drift of attitude of its own (paper 001, equation 6).
+    - `drift`: whether every strip has a drift of attitude of its own (Wang et al. 2018, equation 6).
     - `pos_hz`: rate of the true and of the recorded poses.
     - `truth`: "rough" as flown, or "matching": detector lines are cubics and POS errors are what the corrections can follow, so
       that the adjustment knows all there is.

@@ -1,4 +1,4 @@
-"""The truth of the simulated paper 001: terrain, detectors as they lie, mounts, strips as flown, and the errors of POS."""
+"""The truth of the simulated block of Wang et al. (2018): terrain, detectors as they lie, mounts, strips, POS errors."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

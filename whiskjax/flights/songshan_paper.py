@@ -1,4 +1,4 @@
-"""The runs that stand beside paper 001 (songshan_printed.py), and what is beyond its tables."""
+"""The runs that stand beside Wang et al. (2018; songshan_printed.py), and what is beyond its tables."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""What paper 001 prints (Wang et al. 2018, Tables 1 to 6), and the bands of the scenario."""
+"""What Wang et al. (2018) print in Tables 1 to 6, and the bands of the scenario."""
 
 from typing import NamedTuple
 

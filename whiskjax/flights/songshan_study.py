@@ -1,4 +1,4 @@
-"""Paper 001 as runs over the simulated blocks: its tables, and what it leaves open."""
+"""Wang et al. (2018) as runs over the simulated blocks: their tables, and what they leave open."""
 
 import dataclasses
 from typing import NamedTuple
@@ -91,7 +91,7 @@ def spread_control(block: Block, count: int) -> Int[np.ndarray, " count"]:
 
 
 def readjusted(scene: Scene, block: Block, sensor: Sensor, count: int) -> Adjustment:
-    """Adjust with `count` of the control points and a calibrated sensor that stays as it is (paper 001, section 5.3).
+    """Adjust with `count` of the control points and a calibrated sensor that stays as it is (Wang et al. 2018, section 5.3).
 
     POS corrections and points are all that is unknown. The other control points become tie points; the check points are those of
     the calibration, in which they took no part.

@@ -1,4 +1,4 @@
-"""Target location over the Tianshan: seeded simulations of paper 003.
+"""Target location over the Tianshan: seeded simulations of Liu et al. (2019).
 
 Liu et al. (2019), Target location based on stereo imaging of airborne electro-optical camera, Acta Optica Sinica 39(11), 1112003.
 A gimballed camera looks at one target many times; every look has recorded navigation and gimbal angles with errors of their own.

@@ -1,4 +1,4 @@
-"""What paper 003 leaves out: refraction, calibration errors handed on to the filter, a time offset between camera and POS."""
+"""What Liu et al. (2019) leave out: refraction, calibration errors handed to the filter, a time offset of camera and POS."""
 
 import dataclasses
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What paper 003 prints, and the bands in which a correct simulation of `tianshan` lies."""
+"""What Liu et al. (2019) print, and the bands in which a correct simulation of `tianshan` lies."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Paper 003 as a study over runs: every figure is a trial, a scene located a thousand times by one estimator."""
+"""Liu et al. (2019) as a study over runs: every figure is a trial, a scene located a thousand times by one estimator."""
 
 import dataclasses
 from typing import Any, NamedTuple

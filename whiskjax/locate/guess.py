@@ -13,7 +13,7 @@ from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, raise_failu
 from ..rules.spread import refuse_covariances
 from .looks import Looks
 
-# Horizontal sigmas in degrees beside a height in metres (paper 003, equation 19) differ by 1e5; no target is known so well.
+# Horizontal sigmas in degrees beside a height in metres (Liu et al. 2019, equation 19) differ by 1e5; no target is known so well.
 _LIKE_DEGREES = 1e-3
 
 
@@ -66,7 +66,7 @@ def _check_covariance(covariance: Float[np.ndarray, "3 3"]) -> None:
 def first_guess(
     sensor: Sensor, looks: Looks, surface: AbstractSurface, sigma_enu_m: Float[Numbers, "3"], *, throw: bool = True
 ) -> Guess:
-    """Intersection of the first look that has a measurement with a surface (paper 003, equations 9 and 10).
+    """Intersection of the first look that has a measurement with a surface (Liu et al. 2019, equations 9 and 10).
 
     **Arguments:** `surface`: `HeightSurface`, `Plane` or anything with their interface; `sigma_enu_m`: how far off the target may
     be, 1-sigma east, north, up.

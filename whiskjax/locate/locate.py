@@ -61,9 +61,9 @@ def locate(
     - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
     - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
-    - `noise`: errors of recorded poses, new at every look; without them R is that of the pixels alone, as in paper 003.
-    - `method`: "extended" (paper 003, equations 13 to 18), "iterated" (each look linearised again at its own result), or "batch"
-      (Gauss-Newton over all looks).
+    - `noise`: errors of recorded poses, new at every look; without them R is that of the pixels alone, as in Liu et al. (2019).
+    - `method`: "extended" (Liu et al. 2019, equations 13 to 18), "iterated" (each look linearised again at its own result), or
+      "batch" (Gauss-Newton over all looks).
     - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
     - `consider`: numbers that are not estimated but whose uncertainty counts (Schmidt 1966): unknowns with priors, or a
       calibration, whose posterior is handed on.
@@ -77,7 +77,7 @@ def locate(
     **Raises:** `WhiskjaxError` for input that makes no sense; `SensorError` where a look cannot be imaged, the distance is not
     observable (the message gives the line), or the filter diverged.
 
-    **Reference:** Liu et al. (2019), paper 003; Bell and Cathey (1993) for the iterated filter; Schmidt (1966).
+    **Reference:** Liu et al. (2019); Bell and Cathey (1993) for the iterated filter; Schmidt (1966).
     """
     surface = HeightSurface(0.0) if surface is None else surface
     need("locate", "sensor", sensor, Sensor)

@@ -39,7 +39,7 @@ class Transition(NamedTuple):
 
 
 def predict(state: State, covariance: Covariance, transition: Transition) -> tuple[State, Covariance]:
-    """Position and velocity, the first six of the state, one step later (paper 003, equations 14 and 15).
+    """Position and velocity, the first six of the state, one step later (Liu et al. 2019, equations 14 and 15).
 
     Bar-Shalom, Li and Kirubarajan (2001), section 6.2.2: the discretised white-noise acceleration.
     """

@@ -5,7 +5,6 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
 from ..chain.pose import Motion
@@ -44,8 +43,8 @@ class FrameNoise(eqx.Module):
     def __init__(
         self,
         frame: str,
-        turn_sigma_rad: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
-        shift_sigma_m: Sequence[Float[Numbers, "..."]] = (0, 0, 0),
+        turn_sigma_rad: Sequence[Numbers] | Numbers = (0, 0, 0),
+        shift_sigma_m: Sequence[Numbers] | Numbers = (0, 0, 0),
     ):
         """**Raises:** `WhiskjaxError` where there are not three sigmas of each, or one is negative, not finite or in degrees."""
         need("FrameNoise", "frame", frame, str)

@@ -39,7 +39,7 @@ def innovate(residual: Vec2, crossed: Rows, rows: Rows, noise: Vec3) -> Innovati
 
 
 def gain(crossed: Rows, s: Vec3, share: Sequence[Component]) -> Rows:
-    """K = P H^T S^-1 (paper 003, equation 16), each row times its share: 0 for what is only considered or for a look left out.
+    """K = P H^T S^-1 (Liu et al. 2019, equation 16), each row times its share: 0 for what is only considered or a look left out.
 
     Divided entry by entry: XLA on the CPU keeps a quotient, but computes a product again wherever it is used.
     """
@@ -54,12 +54,12 @@ def gain(crossed: Rows, s: Vec3, share: Sequence[Component]) -> Rows:
 
 
 def corrected(state: State, k: Rows, residual: Vec2) -> State:
-    """x + K (z - h(x)): paper 003, equation 17 with the residual of the image, not of its linearisation."""
+    """x + K (z - h(x)): Liu et al. (2019), equation 17 with the residual of the image, not of its linearisation."""
     return tuple(add(x, add(mul(a, residual[0]), mul(b, residual[1]))) for x, a, b in zip(state, *k, strict=True))
 
 
 def joseph(covariance: Covariance, k: Rows, crossed: Rows, s: Vec3) -> Covariance:
-    """(I - K H) P (I - K H)^T + K R K^T (paper 003, equation 18), valid for every gain.
+    """(I - K H) P (I - K H)^T + K R K^T (Liu et al. 2019, equation 18), valid for every gain.
 
     With C = P H^T and S = H P H^T + R that is P - K C^T - (C - K S) K^T: nothing but products with two columns. The bracket
     vanishes for the optimal gain, and is what makes the form valid for any other.

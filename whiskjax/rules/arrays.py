@@ -28,6 +28,7 @@ class Arrays:
         self._owner = owner
         self._sizes: dict[str, tuple[int, str]] = {}
         self._batch: tuple[int, ...] = ()
+        self._batched = ""
 
     def take(
         self,
@@ -123,9 +124,13 @@ class Arrays:
             if size != known:
                 self.refuse(name, f"has shape {found}, {told} with {dimension} = {known} as {who} has")
         try:
-            self._batch = np.broadcast_shapes(self._batch, found[:split])
+            batch = np.broadcast_shapes(self._batch, found[:split])
         except ValueError:
-            self.refuse(name, f"has the batch shape {found[:split]}, which does not broadcast with {self._batch} of the others")
+            self.refuse(
+                name, f"has the batch shape {found[:split]}, which does not broadcast with {self._batch} of {self._batched}"
+            )
+        if batch != self._batch:
+            self._batch, self._batched = batch, name
 
     def refuse(self, name: str, what: str, cause: Exception | None = None) -> Any:
         """**Raises:** `WhiskjaxError`: the owner, the argument, and what is wrong with it."""

@@ -1,6 +1,6 @@
 """The block adjustment of the three-line camera as one dense least-squares problem: every unknown and every point in one vector.
 
-Collinearity of paper 001 with scipy's interpolation and rotations; nothing is eliminated, nothing is cut into tiles.
+Collinearity of Wang et al. (2018) with scipy's interpolation and rotations; nothing is eliminated, nothing is cut into tiles.
 """
 
 import math

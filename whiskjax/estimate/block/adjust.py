@@ -53,8 +53,8 @@ def adjust(
     """Adjust a block by least squares: rays of control, check and tie points, POS, and priors of the unknowns.
 
     Points are eliminated (normal.py); what remains is solved by Gauss-Newton steps, damped where one would climb. For songshan,
-    with orientation images, this is the block adjustment of paper 001 with its equations (2) and (7), lever arm and boresight
-    solved jointly.
+    with orientation images, this is the block adjustment of Wang et al. (2018) with its equations (2) and (7), lever arm and
+    boresight solved jointly.
 
     **Arguments:**
 

@@ -31,14 +31,14 @@ class Direct:
     lost: int
 
     def statistics(self) -> tuple[Statistics, Statistics, Statistics]:
-        """Of the errors of control and check points along x, y and z (paper 001, Tables 1, 2 and 4)."""
+        """Of the errors of control and check points along x, y and z (Wang et al. 2018, Tables 1, 2 and 4)."""
         known = np.isfinite(self.error_m).all(axis=1)
         x, y, z = (Statistics.of(e) for e in self.error_m[known].T)
         return x, y, z
 
 
 def direct_positioning(sensor: Sensor, block: Block, *, ties: bool = False) -> Direct:
-    """Intersect the rays of every point strip by strip (paper 001, section 5: direct positioning).
+    """Intersect the rays of every point strip by strip (Wang et al. 2018, section 5: direct positioning).
 
     **Arguments:** `ties`: intersect tie points too.
 

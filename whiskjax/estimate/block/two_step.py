@@ -1,4 +1,4 @@
-"""The two-step loop of paper 001, and why it is alternating minimisation of the joint cost.
+"""The two-step loop of Wang et al. (2018), and why it is alternating minimisation of the joint cost.
 
 Step one adjusts the block with lever arm and boresight held (orientation images, detector lines, points). Step two holds the
 exterior orientation that came out and fits lever arm and boresight to POS (equations (3) and (8)); the trajectory is then

@@ -1,4 +1,4 @@
-"""Figures 6 to 10 and Table 2 of paper 003 as drawings, and how the estimators compare."""
+"""Figures 6 to 10 and Table 2 of Liu et al. (2019) as drawings, and how the estimators compare."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What paper 003 says against itself or leaves out, in words whose figures come from the summary."""
+"""What Liu et al. (2019) say against themselves or leave out, in words whose figures come from the summary."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The report of the study of paper 003 as one HTML file."""
+"""The report of the study of Liu et al. (2019) as one HTML file."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The study of paper 003 as tables: paper, reached and band side by side."""
+"""The study of Liu et al. (2019) as tables: paper, reached and band side by side."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from ..plain import Summary, versions
 from ..sheets import write_csv
 from ..tables import Cell, Table, fixed
 
-TITLE = "Paper 003 reproduced: a target located from many oblique looks"
+TITLE = "Liu et al. (2019) reproduced: a target located from many oblique looks"
 _NOTES = {
     "Figure 6": "Orbit and race at 45 deg off nadir, first guess from the first look onto the ellipsoid at 1000 m.",
     "Figure 7": "The same orbit, with a surface that is too low or too high for the first guess.",

@@ -1,1 +1,1 @@
-"""What is shown of the three-line block: the study that repeats paper 001."""
+"""What is shown of the three-line block: the study that repeats Wang et al. (2018)."""

@@ -1,4 +1,4 @@
-"""Figures 6 to 14 of paper 001: residual vectors in plan and height, and the RMSE over the number of control points."""
+"""Figures 6 to 14 of Wang et al. (2018): residual vectors in plan and height, and the RMSE over the number of control points."""
 
 from typing import Any
 

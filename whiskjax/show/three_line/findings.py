@@ -1,4 +1,4 @@
-"""What was tuned, and what paper 001 says against itself or leaves out, in words whose figures come from the summary."""
+"""What was tuned, and what Wang et al. (2018) say against themselves or leave out, in words with figures of the summary."""
 
 import math
 

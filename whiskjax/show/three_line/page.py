@@ -1,4 +1,4 @@
-"""The report of paper 001 as one HTML file."""
+"""The report of Wang et al. (2018) as one HTML file."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Paper 001 as tables: paper, nominal, paper-like and band side by side."""
+"""Wang et al. (2018) as tables: paper, nominal, paper-like and band side by side."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ from ..plain import Summary, versions
 from ..sheets import write_csv
 from ..tables import Cell, Table, fixed
 
-TITLE = "Paper 001 reproduced: block adjustment of a three-line camera"
+TITLE = "Wang et al. (2018) reproduced: block adjustment of a three-line camera"
 _STATISTICS = ("largest", "smallest", "mean", "rmse")
 _TITLES = {
     1: "Table 1. Data set A: direct positioning, adjustment and calibration",

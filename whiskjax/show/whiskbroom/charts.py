@@ -1,4 +1,4 @@
-"""Figures 3 to 7 of paper 000: residuals of the control points by their number, one seed as a line and all seeds as a band."""
+"""Figures 3 to 7 of Jin et al. (2024): residuals of control points by their number, one seed as a line, all seeds as a band."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What paper 000 says against itself, or leaves open, in words whose figures come from the summary.
+"""What Jin et al. (2024) say against themselves, or leave open, in words whose figures come from the summary.
 
 The report and docs/whiskbroom.md take their text from here.
 """

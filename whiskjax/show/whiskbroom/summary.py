@@ -1,4 +1,4 @@
-"""The study of paper 000 as plain data: every figure that is printed, drawn in words or written comes from this one place.
+"""The study of Jin et al. (2024) as plain data: every figure that is printed, drawn or written comes from this one place.
 
 As in a calibration's summary: dicts, lists, strings, booleans and floats; None where there is no figure; names end in their unit.
 A figure over the seeds is the median with the 5 % and 95 % quantiles.
@@ -34,7 +34,7 @@ def summarise(study: Study, answers: Answers | None = None, command: str = "") -
     """
     figures = [row for table in TABLES for row in _figures(study, table)]
     data: Summary = {
-        "title": "Paper 000 reproduced: a whiskbroom scanner that swings left and right",
+        "title": "Jin et al. (2024) reproduced: a whiskbroom scanner that swings left and right",
         "command": command,
         "verdict": {},
         "units": {
