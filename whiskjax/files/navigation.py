@@ -169,14 +169,13 @@ def samples(table: Table, world: str, angles: str) -> Samples:
     position, n = positions(table, world), len(table)
     lat_lon = _lat_lon(table, position, world, angles)
     a = [np.asarray(table[name]) for name in ATTITUDE[angles]]
-    first, second, third = a[:3]
-    radians = lambda rows: (np.radians(first[rows]), np.radians(second[rows]), np.radians(third[rows]))
+    radians = lambda rows: (np.radians(column[rows]) for column in a)
     if angles == "roll_pitch_heading":
         ned = lambda rows: _NED_IN_LOCAL if world == "local" else ned_in_ecef(*(c[rows] for c in lat_lon))
         quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(ned(rows), body_in_ned(*radians(rows))))
     elif angles == "opk":
         grid = np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(n)
-        enu = lambda rows: (0, 0, 0, 1) if world == "local" else _enu_in_ecef(*(c[rows] for c in lat_lon), grid[rows])
+        enu = lambda rows: (0, 0, 0, 1) if world == "local" else _enu_in_ecef(*(c[rows] for c in (*lat_lon, grid)))
         quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(enu(rows), _opk(*radians(rows))))
     else:
         quaternion = np.stack(a, axis=-1)
@@ -204,7 +203,8 @@ def _velocity(table: Table, world: str, lat_lon: tuple[np.ndarray, ...]) -> Floa
     north, east, down = (table[n] for n in VELOCITIES[0])
     if world == "local":
         return np.stack([east, north, -down], axis=-1)
-    return ecef_from_ned_vectors(*lat_lon, np.stack([north, east, down], axis=-1))
+    lat_rad, lon_rad = lat_lon
+    return ecef_from_ned_vectors(lat_rad, lon_rad, np.stack([north, east, down], axis=-1))
 
 
 def _enu_in_ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, grid_rad: np.ndarray) -> Quaternion:
