@@ -42,7 +42,7 @@ def of_positions(table: Table, time_s: Float[np.ndarray, " n"], found: Samples, 
             beside[:-1][gap] = beside[1:][gap] = 0.0
             out += _alone(table, f"the {quantity.what}", beside, least, unit)
         if found.velocity_mps is not None:
-            out += _velocities_that_drift(table, time_s, found, max_gap_s)
+            out += _velocities_that_drift(table, time_s, found.position_m, found.velocity_mps, max_gap_s)
         if "heading_deg" in table:
             out += _headings_aside(table, time_s, found, max_gap_s)
     return out
@@ -96,8 +96,14 @@ def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str,
     return [f"{table.place(row)}: {what} is {beside[i]:.3g} {unit} beside the line between its neighbours, and back{more}."]
 
 
-def _velocities_that_drift(table: Table, time_s: np.ndarray, found: Samples, max_gap_s: float) -> list[str]:
-    w = ways(time_s, found.position_m, found.velocity_mps, max_gap_s, _WINDOW_S)
+def _velocities_that_drift(
+    table: Table,
+    time_s: Float[np.ndarray, " n"],
+    position_m: Float[np.ndarray, "n 3"],
+    velocity_mps: Float[np.ndarray, "n 3"],
+    max_gap_s: float,
+) -> list[str]:
+    w = ways(time_s, position_m, velocity_mps, max_gap_s, _WINDOW_S)
     apart = np.linalg.norm(w.by_positions_m - w.by_velocities_m, axis=1)
     way = np.maximum(*(np.linalg.norm(flown, axis=1) for flown in (w.by_positions_m, w.by_velocities_m)))
     odd = apart > _PART * way + _DRIFT_M
