@@ -97,7 +97,11 @@ def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str,
 
 
 def _velocities_that_drift(
-    table: Table, time_s: np.ndarray, position_m: np.ndarray, velocity_mps: np.ndarray, max_gap_s: float
+    table: Table,
+    time_s: Float[np.ndarray, " n"],
+    position_m: Float[np.ndarray, "n 3"],
+    velocity_mps: Float[np.ndarray, "n 3"],
+    max_gap_s: float,
 ) -> list[str]:
     w = ways(time_s, position_m, velocity_mps, max_gap_s, _WINDOW_S)
     apart = np.linalg.norm(w.by_positions_m - w.by_velocities_m, axis=1)

@@ -167,16 +167,25 @@ def samples(table: Table, world: str, angles: str) -> Samples:
     **Raises:** `FlightError` for a position that cannot be one, and for a quaternion whose length is not 1.
     """
     position, n = positions(table, world), len(table)
-    lat_lon = _lat_lon(table, position, world, angles)
+    lat, lon = _lat_lon(table, position, world, angles)
     a = [np.asarray(table[name]) for name in ATTITUDE[angles]]
-    radians = lambda rows: (np.radians(column[rows]) for column in a)
     if angles == "roll_pitch_heading":
-        ned = lambda rows: _NED_IN_LOCAL if world == "local" else ned_in_ecef(*(c[rows] for c in lat_lon))
-        quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(ned(rows), body_in_ned(*radians(rows))))
+        quaternion = quaternions_in_blocks(
+            n,
+            lambda i: quaternion_product(
+                _NED_IN_LOCAL if world == "local" else ned_in_ecef(lat[i], lon[i]),
+                body_in_ned(np.radians(a[0][i]), np.radians(a[1][i]), np.radians(a[2][i])),
+            ),
+        )
     elif angles == "opk":
         grid = np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(n)
-        enu = lambda rows: (0, 0, 0, 1) if world == "local" else _enu_in_ecef(*(c[rows] for c in (*lat_lon, grid)))
-        quaternion = quaternions_in_blocks(n, lambda rows: quaternion_product(enu(rows), _opk(*radians(rows))))
+        quaternion = quaternions_in_blocks(
+            n,
+            lambda i: quaternion_product(
+                (0, 0, 0, 1) if world == "local" else _enu_in_ecef(lat[i], lon[i], grid[i]),
+                _opk(np.radians(a[0][i]), np.radians(a[1][i]), np.radians(a[2][i])),
+            ),
+        )
     else:
         quaternion = np.stack(a, axis=-1)
         length = np.linalg.norm(quaternion, axis=-1)
@@ -184,17 +193,20 @@ def samples(table: Table, world: str, angles: str) -> Samples:
         if wrong.any():
             row = int(np.argmax(wrong))
             table.fail(row, "qx, qy, qz, qw", f"the length of the quaternion is {length[row]:.4g}, not 1")
-    return Samples(position, quaternion, _velocity(table, world, lat_lon))
+    return Samples(position, quaternion, _velocity(table, world, lat, lon))
 
 
-def _lat_lon(table: Table, position: np.ndarray, world: str, angles: str) -> tuple[np.ndarray, ...]:
-    """Latitude and longitude in radians, where attitudes or velocities refer to the local level of a wgs84 world."""
+def _lat_lon(table: Table, position: np.ndarray, world: str, angles: str) -> tuple[np.ndarray, np.ndarray]:
+    """Latitude and longitude in radians, where attitudes or velocities refer to the level of a wgs84 world; else nothing."""
     if world == "local" or (angles == "quaternion" and VELOCITIES[0][0] not in table):
-        return ()
-    return (np.radians(table["lat_deg"]), np.radians(table["lon_deg"])) if "lat_deg" in table else geodetic(position)[:2]
+        return np.zeros(0), np.zeros(0)
+    if "lat_deg" in table:
+        return np.radians(table["lat_deg"]), np.radians(table["lon_deg"])
+    lat, lon, _ = geodetic(position)
+    return lat, lon
 
 
-def _velocity(table: Table, world: str, lat_lon: tuple[np.ndarray, ...]) -> Float[np.ndarray, "n 3"] | None:
+def _velocity(table: Table, world: str, lat: np.ndarray, lon: np.ndarray) -> Float[np.ndarray, "n 3"] | None:
     local, xyz = (all(name in table for name in names) for names in VELOCITIES)
     if local and xyz:
         raise FlightError(f"{table.file}, line 1: velocities are given twice, as vn_mps and as vx_mps; keep one form")
@@ -203,8 +215,7 @@ def _velocity(table: Table, world: str, lat_lon: tuple[np.ndarray, ...]) -> Floa
     north, east, down = (table[n] for n in VELOCITIES[0])
     if world == "local":
         return np.stack([east, north, -down], axis=-1)
-    lat_rad, lon_rad = lat_lon
-    return ecef_from_ned_vectors(lat_rad, lon_rad, np.stack([north, east, down], axis=-1))
+    return ecef_from_ned_vectors(lat, lon, np.stack([north, east, down], axis=-1))
 
 
 def _enu_in_ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, grid_rad: np.ndarray) -> Quaternion:

@@ -50,12 +50,13 @@ class Sheet:
         texts = [column.name for column in wanted if column.text or column.choices]
         numbers = [column.name for column in wanted if column.name not in texts]
         large = self.csv.path.stat().st_size >= fast_csv.WORTH_BYTES
-        found = fast_csv.read_columns(self.csv.path, self.header, numbers, texts) if large else None
-        if found is None:
-            found = dict[str, Any](texts_of(self.csv, self.header, [column.name for column in wanted]))
+        read = fast_csv.read_columns(self.csv.path, self.header, numbers, texts) if large else None
+        if read is None:
+            read = texts_of(self.csv, self.header, [column.name for column in wanted])
+        found: dict[str, Any] = {}
         for column in wanted:
             check = self._texts if column.name in texts else self._numbers
-            found[column.name] = check(column, found[column.name])
+            found[column.name] = check(column, read[column.name])
         rows = len(next(iter(found.values()), ()))
         return Table(self.file, found, LinesOf(self.csv, rows), left_out, self._cells)
 
