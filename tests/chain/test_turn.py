@@ -78,7 +78,10 @@ def test_derivatives_with_respect_to_the_recorded_angles():
     [
         (lambda e: wj.Turn("w", e), "axis x, y or z, not 'w'"),
         (lambda e: wj.Turn("x", e, sign=0), r"\+1 or -1, not 0"),
-        (lambda e: wj.Encoder([0, 1], [0, 1, 2], 1.0, "scan"), r"scan: angle_rad has shape \(3,\), but there are 2 times"),
+        (
+            lambda e: wj.Encoder([0, 1], [0, 1, 2], 1.0, "scan"),
+            r"scan: angle_rad has shape \(3,\), expected \(n,\) with n = 2 as time_s has",
+        ),
         (lambda e: wj.Encoder([0, 1], [0, np.nan], 2.0, "scan"), r"scan: angle_rad holds no finite number at index \(1,\)"),
         (lambda e: wj.Encoder([0, 0], [0, 1], 2.0, "scan"), "scan: .*sample 1.* repeats"),
     ],

@@ -92,7 +92,8 @@ class Trajectory(AbstractLink):
         self.knots = Knots(recorded_s, max_gap_s, "Trajectory")
         quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
         velocity = None if velocity is None else np.asarray(velocity)
-        time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
+        time = np.asarray(recorded_s)  # not the knots', which are traced where the trajectory is made inside jit
+        is_gap = np.diff(time) > max_gap_s
         refuse_impossible_motion(time, position, quaternion, velocity, max_gap_s)
         if unclear := unclear_turn(time, quaternion, is_gap):
             raise ImpossibleMotion(unclear.sample, "attitude", lambda name: unclear.what)

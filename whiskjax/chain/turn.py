@@ -76,11 +76,11 @@ class Encoder(eqx.Module):
         **Raises:** `WhiskjaxError` for times that do not increase, angles that are not finite, lengths that differ, and a step
         that cannot be told from its complement.
         """
-        self.knots = Knots(time_s, max_gap_s, name)
-        angle = np.asarray(Arrays(name).take("angle_rad", angle_rad, "n", absolute=True, finite=True))
-        if angle.shape != self.knots.time_s.shape:
-            raise WhiskjaxError(f"{name}: angle_rad has shape {angle.shape}, but there are {self.knots.time_s.shape[0]} times")
-        time, is_gap = np.asarray(self.knots.time_s), np.asarray(self.knots.is_gap)
+        arrays = Arrays(name)
+        time = np.asarray(arrays.take("time_s", time_s, "n", absolute=True))
+        angle = np.asarray(arrays.take("angle_rad", angle_rad, "n", absolute=True, finite=True))
+        self.knots = Knots(time, max_gap_s, name)
+        is_gap = np.diff(time) > max_gap_s
         angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
         if unclear:
             raise WhiskjaxError(f"{name}: {unclear.what}")

@@ -116,7 +116,10 @@ _TOO_FAR = "angles modulo one turn have to be recorded more often than that; a c
 def _unclear(time_s: np.ndarray, angle_rad: np.ndarray, doubtful: np.ndarray, remedy: str) -> Unclear | None:
     if not doubtful.any():
         return None
-    i = int(np.argmax(doubtful))
+    # Of several the longest, and of equal ones the first: a step beside a long one is only doubtful because of it.
+    turns = np.diff(angle_rad) / (2 * np.pi)
+    length = np.where(doubtful, np.abs(turns - np.round(turns)), -1.0)
+    i = int(np.argmax(length >= length.max() - 1e-9))
     step = float(np.degrees(angle_rad[i + 1] - angle_rad[i]))
     short = (step + 180) % 360 - 180
     # The reading as it stands and the shorter one; of a step that is short as it stands, the other way round.
