@@ -29,6 +29,8 @@ PIXELS, POINTS = np.zeros((5, 2)), np.tile(POINT_M, (5, 1))
 FRAME = SENSOR["camera"]
 RECORDED = wj.Sensor({"body": wj.Records(*np.full((3, 5), 0.1))}, FRAME)
 READ = wj.Sensor({"body": SENSOR["body"], "turn": wj.Turn("x", wj.Readings(np.zeros(5)))}, FRAME)
+ZOOMED = wj.Sensor({"body": SENSOR["body"], "mount": SENSOR["mount"]}, wj.FrameCamera(np.ones(3), (0.0, 0.0)))
+EACH5, FOCAL = wj.Shot(image=np.zeros(5, int)), wj.Unknown("f", "camera.focal_px", scale=1.0)
 HALF_MASKED = np.ma.array(np.tile(POINT_M, (2, 1)), mask=[[0, 0, 0], [1, 1, 1]])
 FLIGHT = {
     "name": "f",
@@ -120,6 +122,21 @@ SHAPES = {
     "readings and pixels": (
         lambda: wj.ray(READ, SHOT, PIXELS[:4]),
         r"pixel_px has the batch shape \(4,\).*\(5,\) of sensor\['turn'\]",
+    ),
+    "records and looks": (
+        lambda: wj.locate(RECORDED, LOOKS),
+        r"locate: looks.pixel_px has the batch shape \(3,\).*\(5,\) of sensor",
+    ),
+    "noise and looks": (
+        lambda: wj.locate(SENSOR, LOOKS, noise=[wj.FrameNoise("body", (np.ones(4), 0, 0))]),
+        r"locate: noise\[0\] has the batch shape \(4,\), which does not broadcast with \(3,\) of looks.pixel_px",
+    ),
+    "records of observations": (lambda: wj.calibrate(RECORDED, OBSERVATIONS, [FOCAL]), "body holds a record for each"),
+    "records of rays": (lambda: wj.adjust(RECORDED, BLOCK, [FOCAL]), "adjust: body holds a record for each look"),
+    "readings of rays": (lambda: wj.intersect(READ, EACH5, PIXELS, np.zeros(5, int)), "intersect: turn holds a record"),
+    "cameras of observations": (
+        lambda: wj.calibrate(ZOOMED, OBSERVATIONS, [UNKNOWN]),
+        "calibrate: camera holds a record for each",
     ),
     "heights and pixels": (
         lambda: wj.image_to_ground(SENSOR, SHOT, PIXELS, wj.HeightSurface(np.zeros(4))),

@@ -107,6 +107,11 @@ def is_camera(part: Any) -> bool:
     return is_camera(part.options[0]) if isinstance(part, By) else isinstance(part, AbstractCamera)
 
 
+def is_aligned(part: Any) -> bool:
+    """Whether a link or camera, or an option of it, holds numbers for each shot."""
+    return any(map(is_aligned, part.options)) if isinstance(part, By) else part.batch_shape != ()
+
+
 def fit(arrays: Arrays, name: str, part: Any, shot: Shot) -> None:
     """Whether what a link or camera holds for each shot fits the other arguments of somebody; options that do not act need not.
 

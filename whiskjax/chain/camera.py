@@ -30,7 +30,8 @@ def parameter(value: Any) -> Any:
 
 def common_batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
     """The batch shape that fields have in common: each with the number of its own dimensions; None has none."""
-    return np.broadcast_shapes(*(np.shape(a)[: np.ndim(a) - own] for a, own in fields if a is not None))
+    shapes = {np.shape(a)[: np.ndim(a) - own] for a, own in fields if a is not None} - {()}
+    return np.broadcast_shapes(*shapes)
 
 
 class AbstractCamera(eqx.Module):

@@ -21,8 +21,8 @@ from ..earth.refraction import Refraction
 from ..earth.surface import AbstractSurface, need_surface
 from ..rules import RESULTS, Arrays, Numbers, first_failure, need, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
-from .sensor import Sensor
-from .shot import Shot
+from .sensor import Sensor, fit_sensor
+from .shot import Shot, fit_shot
 
 # From the apparent ray to the ground: the height of the ground decides how the ray is bent, and the bent ray what the height is.
 # Each pass leaves a hundredth of the error at 78 deg off nadir, for the steepest ground that is seen there. All but the
@@ -145,8 +145,8 @@ def begin(door: str, sensor: Sensor, shot: Shot) -> Arrays:
     need(door, "sensor", sensor, Sensor)
     need(door, "shot", shot, Shot, "Shot(time_s=...)")
     arrays = Arrays(door)
-    sensor.fit(arrays, shot)
-    shot.fit(arrays)
+    fit_sensor(arrays, sensor, shot)
+    fit_shot(arrays, shot)
     return arrays
 
 

@@ -8,7 +8,7 @@ import equinox as eqx
 from ..algebra.vectors import total
 from ..earth.refraction import Refraction
 from ..rules import RESULTS, Arrays, WhiskjaxError, first_failure, need
-from .by import By, fit, is_camera
+from .by import By, fit, is_aligned, is_camera
 from .camera import AbstractCamera
 from .link import AbstractLink, Moves
 from .pose import Pose
@@ -104,13 +104,17 @@ class Sensor(eqx.Module):
             visit(name, part)
         return found
 
-    def fit(self, arrays: Arrays, shot: Shot) -> None:
-        """Whether what links and camera hold for each shot fits the other arguments of somebody.
+    def refuse_aligned(self, owner: str) -> None:
+        """What sorts, pads or picks shots cannot use links or cameras that hold a number for each of them.
 
-        **Raises:** `WhiskjaxError` naming the link.
+        **Raises:** `WhiskjaxError` naming the link; `owner` is who would.
         """
         for name, part in zip((*self.names, "camera"), (*self.links, self.camera), strict=True):
-            fit(arrays, name, part, shot)
+            if is_aligned(part):
+                raise WhiskjaxError(
+                    f"{owner}: {name} holds a record for each look, but observations are sorted and padded here; give records in "
+                    "time, as a Trajectory or an Encoder, or one for each image (PosePerImage, By)"
+                )
 
     @property
     def is_line(self) -> bool:
@@ -142,3 +146,12 @@ class Sensor(eqx.Module):
     def check(self, shot: Shot) -> RESULTS:
         """The first link's failure for each shot, if any: a time outside the record, in a gap, an unknown key."""
         return first_failure(*(link.check(shot) for link in (*self.links, self.camera)))
+
+
+def fit_sensor(arrays: Arrays, sensor: Sensor, shot: Shot) -> None:
+    """Whether what links and camera hold for each shot fits the other arguments of somebody.
+
+    **Raises:** `WhiskjaxError` naming the link.
+    """
+    for name, part in zip((*sensor.names, "camera"), (*sensor.links, sensor.camera), strict=True):
+        fit(arrays, name, part, shot)

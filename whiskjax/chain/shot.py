@@ -51,15 +51,6 @@ class Shot(eqx.Module):
         self.view, self.strip = _key(arrays, "view", view), _key(arrays, "strip", strip)
         self.poses = poses
 
-    def fit(self, arrays: Arrays, shape: str = "...") -> None:
-        """Whether time and keys fit the other arguments of somebody; one number fits all of them.
-
-        **Raises:** `WhiskjaxError` naming the field.
-        """
-        for name in ("time_s", *KEYS):
-            if np.ndim(value := getattr(self, name)) > 0:
-                arrays.fit(f"shot.{name}", np.shape(value), shape)
-
     def need(self, field: str, why: str) -> Any:
         """The time or a key that somebody cannot do without.
 
@@ -69,3 +60,15 @@ class Shot(eqx.Module):
         if value is None:
             raise WhiskjaxError(f"the shot has no {field}, {why}: Shot({field}=...)")
         return value
+
+
+def fit_shot(arrays: Arrays, shot: Shot, shape: str = "...") -> None:
+    """Whether time and keys fit the other arguments of somebody; one number fits all of them.
+
+    No method: equinox makes a module of each method that is asked for, which costs a door more than its check.
+
+    **Raises:** `WhiskjaxError` naming the field.
+    """
+    for name in ("time_s", *KEYS):
+        if (found := getattr(getattr(shot, name), "shape", ())) != ():
+            arrays.fit(f"shot.{name}", found, shape)

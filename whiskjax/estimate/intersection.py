@@ -14,7 +14,7 @@ from ..chain.bake import bake
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import begin, finite, sight
 from ..chain.sensor import Sensor
-from ..chain.shot import Shot
+from ..chain.shot import Shot, fit_shot
 from ..chain.sweep import sweep
 from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures
 from ..rules.results import choose, failure_if, is_successful
@@ -69,8 +69,9 @@ def intersect(
     arrays = begin("intersect", sensor, shot)
     pixel = jnp.asarray(arrays.take("pixel_px", pixel_px, "rays 2"))
     index = np.asarray(arrays.take_whole("point_index", point_index, "rays"))
-    shot.fit(arrays, "rays")
+    fit_shot(arrays, shot, "rays")
     refuse_extremes(sensor, "intersect")
+    sensor.refuse_aligned("intersect")
     if len(index) == 0:
         raise WhiskjaxError("intersect: there are no rays")
     points = int(index.max()) + 1

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..chain.shot import Shot
+from ..chain.shot import Shot, fit_shot
 from ..rules import Arrays, WhiskjaxError, need
 from ..rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
@@ -51,7 +51,7 @@ class Observations:
         }
         if self.point_covariance_m2 is not None:
             taken["point_covariance_m2"] = arrays.take("point_covariance_m2", self.point_covariance_m2, "n 3 3")
-        self.shot.fit(arrays, "n")
+        fit_shot(arrays, self.shot, "n")
         n = len(taken["point_m"])
         if n == 0:
             raise WhiskjaxError("there are no observations: nothing can be estimated from them")

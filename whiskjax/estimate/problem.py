@@ -17,10 +17,8 @@ from ..chain.address import Address, put
 from ..chain.bake import bake
 from ..chain.by import By
 from ..chain.imaging import image
-from ..chain.records import Records
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..chain.turn import Readings, Turn
 from ..rules import WhiskjaxError
 from ..rules.sizes import rounded
 from .losses import AbstractLoss
@@ -155,12 +153,7 @@ def pose_problem(
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
     sensor = admit(sensor, unknowns)
-    for name, link in zip(sensor.names, sensor.links, strict=True):
-        if isinstance(link, Records) or (isinstance(link, Turn) and isinstance(link.encoder, Readings)):
-            raise WhiskjaxError(
-                f"{name} holds a record for each look, but observations are sorted and padded here; give records in time, as a "
-                "Trajectory or an Encoder"
-            )
+    sensor.refuse_aligned("calibrate")
     groups, indices = _groups(sensor, observations, split)
     start = np.array([start_of(sensor, x) for x in unknowns])
     mean, scale, u = whitened(unknowns, start)

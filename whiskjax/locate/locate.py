@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..algebra.vectors import stack, unstack, vadd
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
-from ..chain.sensor import Sensor
+from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, need_unknowns
@@ -92,6 +92,12 @@ def locate(
     need_unknowns("locate", "estimate", estimate)
     if not isinstance(consider, Calibration):
         need_unknowns("locate", "consider", consider)
+    arrays = Arrays("locate")
+    fit_sensor(arrays, sensor, looks.shot)
+    arrays.fit("looks.pixel_px", looks.pixel_px.shape, "... 2")
+    for i, frame in enumerate(noise):
+        for sigma in (*frame.turn_sigma_rad, *frame.shift_sigma_m):
+            arrays.fit(f"noise[{i}]", np.shape(sigma), "...")
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..chain.shot import Shot
+from ..chain.shot import Shot, fit_shot
 from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, require_x64
 from ..rules.spread import refuse_sigmas, refuse_sizes
 
@@ -37,7 +37,7 @@ class Looks(eqx.Module):
         self.shot, self.pixel_px = shot, arrays.take("pixel_px", pixel_px, "looks 2")
         shape = "2" if np.ndim(sigma_px) < 2 else "looks 2"
         self.sigma_px = arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0, meaning="or one pair for each look")
-        shot.fit(arrays, "looks")
+        fit_shot(arrays, shot, "looks")
 
     def __check_init__(self):
         pixel, sigma, time = self.pixel_px, self.sigma_px, self.shot.time_s

@@ -108,6 +108,8 @@ class Arrays:
 
         **Raises:** as `take`.
         """
+        if shape == "..." and found in ((), self._batch):
+            return
         wanted = shape.split()
         batched = wanted[:1] == ["..."]
         inner = wanted[1:] if batched else wanted

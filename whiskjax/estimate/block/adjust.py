@@ -88,6 +88,7 @@ def adjust(
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
     refuse_extremes(sensor, "adjust")
+    sensor.refuse_aligned("adjust")
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
     tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")

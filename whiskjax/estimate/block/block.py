@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...chain.shot import KEYS, Shot
+from ...chain.shot import KEYS, Shot, fit_shot
 from ...rules import Arrays, WhiskjaxError, need
 from ...rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
@@ -59,7 +59,7 @@ class Block:
         arrays.fit("role", taken["role"].shape, "points")
         taken["position_m"] = arrays.take("position_m", self.position_m, "points 3", absolute=True)
         taken["covariance_m2"] = arrays.take("covariance_m2", self.covariance_m2, "points 3 3")
-        self.shot.fit(arrays, "rays")
+        fit_shot(arrays, self.shot, "rays")
         for name, value in taken.items():
             object.__setattr__(self, name, np.asarray(value))
         rays, points = len(self.point), len(self.role)

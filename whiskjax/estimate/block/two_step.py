@@ -90,6 +90,7 @@ def two_step(
     need("two_step", "block", block, Block)
     need("two_step", "pos_errors", pos_errors, PosErrors)
     need_unknowns("two_step", "unknowns", unknowns)
+    sensor.refuse_aligned("two_step")
     names = [x.name for x in unknowns]
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
