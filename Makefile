@@ -21,7 +21,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1
 # (notebooks, demo, benchmarks) runs the code as users have it.
 QUICK := XLA_FLAGS="--xla_llvm_disable_expensive_passes=true $(XLA_FLAGS)"
 
-.PHONY: help demo test lowest lint format types notebooks bench gate clean distclean
+.PHONY: help demo test lowest lint format types notebooks validation bench gate clean distclean
 
 help:
 	@echo "make demo       calibrate the bundled flight and write out/haian/report.html"
@@ -30,6 +30,7 @@ help:
 	@echo "make lint       check style and formatting (make format mends what it can)"
 	@echo "make types      check the types"
 	@echo "make notebooks  execute every notebook in a temporary copy"
+	@echo "make validation measure every claim of docs/validation.md anew and write the pages (half an hour)"
 	@echo "make bench      measure speed against the peers; make gate also fails when a ratio is too high"
 	@echo "make clean      remove what these commands wrote; make distclean removes $(VENV) and $(LOWEST) as well"
 
@@ -79,6 +80,18 @@ format: $(VENV)/.dev
 # The variable stops pyright from asking the registry whether there is a newer pyright.
 types: $(VENV)/.dev
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright $(ARGS)
+
+# Half an hour on two cores. Commands that find a figure outside its band end in an error, and the page says so.
+VALIDATION := out/validation
+validation: $(VENV)/.dev
+	mkdir -p $(VALIDATION)
+	-$(BIN)/whiskjax reproduce whiskbroom --out $(VALIDATION)/whiskbroom
+	-$(BIN)/whiskjax reproduce location --out $(VALIDATION)/location
+	-$(BIN)/whiskjax reproduce three-line --out $(VALIDATION)/three_line
+	-$(BIN)/python -m tests.real --out $(VALIDATION)/real
+	-$(BIN)/python -m tests.peers --out $(VALIDATION)/peers
+	for study in whiskbroom location three_line; do $(BIN)/python docs/$$study.py $(VALIDATION)/$$study || exit 1; done
+	$(BIN)/python docs/validation.py $(VALIDATION)
 
 notebooks: $(VENV)/.dev
 	$(BIN)/python -m notebooks $(ARGS)

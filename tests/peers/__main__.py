@@ -1,4 +1,4 @@
-"""`python -m tests.peers [--data DIR]`: every claim against a peer, its figure, its band and who sets it."""
+"""`python -m tests.peers [--data DIR] [--out DIR]`: every claim against a peer, its figure, its band and who sets it."""
 
 import argparse
 import importlib
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tests.real.sets import missing
 
-from .figures import table
+from .figures import as_json, table
 from .source import peer_values
 
 # Whether the values are in the folder of peers' values, or worked out here by the peer itself.
@@ -20,7 +20,9 @@ def main() -> int:
     """Work out every claim; 0 only where all figures lie in their bands and no peer is missing."""
     parser = argparse.ArgumentParser(prog="python -m tests.peers", description="whiskjax beside independent programs.")
     parser.add_argument("--data", type=Path, default=peer_values(), help="folder of the peers' values [default: %(default)s]")
-    folder = parser.parse_args().data
+    parser.add_argument("--out", type=Path, help="keep figures.json here")
+    given = parser.parse_args()
+    folder = given.data
 
     import jax
     import pytest
@@ -43,6 +45,9 @@ def main() -> int:
         print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
     if figures:
         print(table(figures))
+    if given.out:
+        given.out.mkdir(parents=True, exist_ok=True)
+        (given.out / "figures.json").write_text(as_json(figures), encoding="utf-8")
     outside = sum(not figure.is_inside for _, figure in figures)
     print()
     print(f"{len(figures)} figures, {outside} outside their bands, {absent} peers missing")

@@ -1,6 +1,7 @@
 """What whiskjax is held against: one figure, its band, and who says that it must lie in it."""
 
 import dataclasses
+import json
 from collections.abc import Sequence
 
 
@@ -35,6 +36,16 @@ def assert_inside(figures: Sequence[Figure]) -> None:
     assert figures
     outside = [f"{f.claim}: {f.value:.6g} {f.unit}, band {f.band} ({f.source})" for f in figures if not f.is_inside]
     assert not outside, "\n".join(outside)
+
+
+def as_json(figures: Sequence[tuple[str, Figure]]) -> str:
+    """The same for programs."""
+    rows = [
+        {"set": peer, "what": f.claim, "value": f.value, "unit": f.unit, "low": f.least or None, "high": f.most}
+        | {"is_inside": f.is_inside, "source": f.source}
+        for peer, f in figures
+    ]
+    return json.dumps(rows, indent=1) + "\n"
 
 
 def table(figures: Sequence[tuple[str, Figure]]) -> str:

@@ -56,4 +56,9 @@ def table(figures: Sequence[Figure]) -> str:
 
 def as_json(figures: Sequence[Figure]) -> str:
     """The same for programs."""
-    return json.dumps([dataclasses.asdict(f) | {"is_met": bool(f.is_met)} for f in figures], indent=1) + "\n"
+    rows = [
+        {"set": f.set, "what": f.what, "value": f.reached, "unit": f.unit}
+        | {"low": f.asked if f.exactly else None, "high": f.asked, "is_inside": bool(f.is_met)}
+        for f in figures
+    ]
+    return json.dumps(rows, indent=1) + "\n"
