@@ -16,8 +16,8 @@ DOCS = Path(__file__).parent
 HEAD = """# Validation
 
 What is claimed of whiskjax, the figure, the band in which it should lie, and who sets the band. Written by
-`python docs/validation.py out/validation` from the results of the commands below; `make validation` runs them all. A figure outside
-its band is bold and stands here all the same.
+`python docs/validation.py out/validation` from the results of the commands below; `make validation` runs them all. A figure
+outside its band is bold and stands here all the same.
 
 {verdict}
 """

@@ -52,6 +52,11 @@ class AbstractLink(eqx.Module):
         """How the link moves in time; a link that does not, or nearly so, does not move at all."""
         return Moves()
 
+    @property
+    def kinks(self) -> tuple[str, ...]:
+        """Fields by which the pose has no continuous derivative: delays of records that are interpolated linearly."""
+        return ()
+
     def ready(self, shot: Shot) -> "Pose | AbstractLink":
         """What the pose is made of, for one pass over the shots: interpolation, sines and cosines are done, products are not.
 

@@ -168,6 +168,11 @@ class Trajectory(AbstractLink):
         leave, arrive = (tuple(length * take(v, i + k) for v in self.velocity_mps) for k in (0, 1))
         return tuple(hermite(w, *ends) for ends in zip(before, after, leave, arrive, strict=True))
 
+    @property
+    def kinks(self) -> tuple[str, ...]:
+        """The delays, unless the record is interpolated by splines."""
+        return () if self.interpolation == "cubic" else ("delay_s", "attitude_delay_s")
+
     def moves(self, shot: Shot) -> Moves:
         """Between the POS samples; the angle between unit quaternions follows from their distance, 2 sin(angle / 4)."""
         spacing = jnp.diff(self.knots.time_s)

@@ -175,6 +175,11 @@ class Turn(AbstractLink):
         angle = self.encoder.at(time)
         return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
 
+    @property
+    def kinks(self) -> tuple[str, ...]:
+        """The delay, unless the encoder is interpolated by a spline."""
+        return ("delay_s",) if isinstance(self.encoder, Encoder) and self.encoder.interpolation == "linear" else ()
+
     def moves(self, shot: Shot) -> Moves:
         """Between the readings of the encoder."""
         if isinstance(self.encoder, Readings):

@@ -15,7 +15,7 @@ from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
 from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
 from .blunders import Blunders, snoop
-from .diagnosis import consistency, lopsided, repeated, warnings_of
+from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
@@ -204,6 +204,7 @@ def calibrate(
             *contradictions(fit.check, found),
             *repeated(observations, used),
             *lopsided(observations, used),
+            *kinked(sensor, unknowns),
             *warnings_of(unknowns, trust, fit.variance_factor, fit.tail_probability, shift),
         ),
     )

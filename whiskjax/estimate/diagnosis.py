@@ -7,6 +7,9 @@ import numpy as np
 from jax.scipy.special import gammaincc
 from jaxtyping import Bool, Float
 
+from ..chain.address import node_at
+from ..chain.link import AbstractLink
+from ..chain.sensor import Sensor
 from ..chain.shot import KEYS
 from .observations import Observations
 from .posterior import Posterior
@@ -77,6 +80,21 @@ def warnings_of(
         if not np.isnan(share) and abs(away) > 3:
             said.append(f"{name} ended {abs(away):.1f} prior sigmas from its prior mean")
     return said
+
+
+def kinked(sensor: Sensor, unknowns: Sequence[Unknown]) -> list[str]:
+    """Delays whose cost has a kink wherever the time of a shot passes a sample, with the remedy."""
+    said = []
+    for x in unknowns:
+        for place in x.places:
+            node = node_at(sensor, place._replace(path=place.path[:-1]))
+            if isinstance(node, AbstractLink) and place.path[-1] in node.kinks:
+                where = ".".join((place.link, *place.path[:-1]))
+                said.append(
+                    f"{x.name}: {where} is interpolated linearly, so the cost has a kink wherever a shot passes a sample, "
+                    'and noise of the record pulls on the delay; give it interpolation = "cubic"'
+                )
+    return list(dict.fromkeys(said))
 
 
 def lopsided(observations: Observations, used: Bool[np.ndarray, " n"]) -> list[str]:

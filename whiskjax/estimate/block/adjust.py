@@ -16,7 +16,7 @@ from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure,
 from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
-from ..diagnosis import UNLIKELY, consistency
+from ..diagnosis import UNLIKELY, consistency, kinked
 from ..unknown import Unknown, need_unknowns
 from ..variance_components import Components
 from ..verdict import contradictions
@@ -207,6 +207,7 @@ def report(
             *impossible,
             *contradictions(check, found),
             *_warnings(block, used, lonely, pos_errors, factor, tail, squared, trust, unknowns),
+            *kinked(solution, unknowns),
         ),
         check=check,
         left_out=tuple(block.point_name(int(i)) for i in np.flatnonzero(lonely)),

@@ -18,6 +18,7 @@ from .prepare import Ready, State
 _SETTLED = 1e-14
 _ROUNDING = 1e-8  # below it a decrement that no longer shrinks is rounding
 _SAME_COST = 1e-10  # relative: below it a rise is rounding
+_SLOWLY = 0.25  # a decrement of more than this part of the last one: steps in one direction, of which two foretell the others
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 
 
@@ -74,14 +75,30 @@ def _step(matrix: Array, right: Array, damping: Array) -> Array:
     return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(damped), right)
 
 
+@jax.jit
+def _ahead(matrix: Array, step: Array, last_move: Array, last_step: Array) -> Array:
+    """Where two Gauss-Newton steps in a row lead (Anderson 1965, over one step back, in the metric of the normal matrix).
+
+    Where residuals stay large and the model is curved, as a delay sees the noise of POS, Gauss-Newton steps shrink by a constant
+    factor r only; along one direction this is their sum r + r^2 + ...
+    """
+    change = step - last_step
+    length = change @ matrix @ change
+    share = (step @ matrix @ change) / jnp.where(length == 0, 1.0, length)
+    return step - share * (last_move + change)
+
+
 def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
     """Minimise from a state.
 
-    A step that raises the cost is taken back and damped (Levenberg). **Arguments:** `max_steps`: that are tried, taken or not.
+    A step that raises the cost is taken back and damped (Levenberg); of steps that shrink slowly two foretell the next ones.
+
+    **Arguments:** `max_steps`: that are tried, taken or not.
     """
     tell("adjust: first equations (the first time compiled)")
     reduced, points = reduce(ready, state)
     damping, tried, steps, last = 0.0, 0, 0, np.inf
+    before = None  # the last move, and the Gauss-Newton step there
     while tried < max_steps:
         step = np.asarray(_step(reduced.matrix, reduced.right, jnp.asarray(damping)))
         if not np.isfinite(step).all():
@@ -92,21 +109,25 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
             damping = max(10 * damping, _FIRST_DAMPING)
             continue
         decrement, cost = float(step @ np.asarray(reduced.right)), float(reduced.cost)
-        size = state.x.size
-        moved = State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points)
+        size, move = state.x.size, step
+        foretold = before is not None and damping == 0.0 and decrement > max(_ROUNDING, _SLOWLY * last)
+        if foretold:
+            move = np.asarray(_ahead(reduced.matrix, step, *before))
+        moved = State(state.x + move[:size].reshape(state.x.shape), state.u + move[size:], points)
         there, relaxed = reduce(ready, moved)
         tried += 1
         tell(f"adjust: step {tried}, sum of squares {float(there.cost):.6g}")
         climbs = not float(there.cost) <= cost * (1 + _SAME_COST)
-        if climbs and decrement > max(_ROUNDING, _SAME_COST * cost):
-            damping = max(10 * damping, _FIRST_DAMPING)
+        if climbs and (foretold or decrement > max(_ROUNDING, _SAME_COST * cost)):
+            damping = damping if foretold else max(10 * damping, _FIRST_DAMPING)
+            before = None
             if damping > _MOST_DAMPING:
                 return Solved(state, reduced, steps, RESULTS.not_converged)
             # The cost there was that of points moved to first order: compare with it where they have arrived.
             state = State(state.x, state.u, points)
             reduced, points = reduce(ready, state)
             continue
-        state, reduced, points, steps = moved, there, relaxed, steps + 1
+        state, reduced, points, steps, before = moved, there, relaxed, steps + 1, (move, step)
         stalls = decrement < _ROUNDING and decrement > 0.25 * last
         if damping == 0.0 and (decrement < _SETTLED or stalls):
             return Solved(State(state.x, state.u, points), reduced, steps, RESULTS.successful)
