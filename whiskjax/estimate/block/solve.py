@@ -18,7 +18,8 @@ from .prepare import Ready, State
 _SETTLED = 1e-14
 _ROUNDING = 1e-8  # below it a decrement that no longer shrinks is rounding
 _SAME_COST = 1e-10  # relative: below it a rise is rounding
-_SLOWLY = 0.25  # a decrement of more than this part of the last one: steps in one direction, of which two foretell the others
+_SLOWLY = 0.25  # a decrement of more than this part of the last one ...
+_NEAR = 1e-3  # ... and less than this part of the cost: steps near the end, in one direction, of which two foretell the others
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 
 
@@ -110,7 +111,8 @@ def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
             continue
         decrement, cost = float(step @ np.asarray(reduced.right)), float(reduced.cost)
         size, move = state.x.size, step
-        foretold = before is not None and damping == 0.0 and decrement > max(_ROUNDING, _SLOWLY * last)
+        slow = max(_ROUNDING, _SLOWLY * last) < decrement < _NEAR * cost
+        foretold = before is not None and damping == 0.0 and slow
         if foretold:
             move = np.asarray(_ahead(reduced.matrix, step, *before))
         moved = State(state.x + move[:size].reshape(state.x.shape), state.u + move[size:], points)
