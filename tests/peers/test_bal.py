@@ -47,7 +47,9 @@ def figures(folder: Path) -> list[Figure]:
     formal = np.sqrt(np.diagonal(ours.covariance_m2, axis1=1, axis2=2))
     scipy = "where scipy stops (gtsam: 1e-9)"
     return [
-        Figure("sum of squares at the optimum", abs(ours.cost - 45.846326761643), "", 1e-9, "asked; two peers agree on 1e-12"),
+        Figure(
+            "sum of squares at the optimum", abs(ours.cost - 45.846326761643), "", 1e-9, "set before; two peers agree on 1e-12"
+        ),
         Figure("f, k1, k2 of the cameras", np.abs((ours.value - value) / sigma).max(), "sigma", 1e-6, scipy),
         Figure("points", np.abs((ours.point_m - points) / sigma_points).max(), "sigma", 1e-6, scipy),
         Figure("sigmas of f, k1, k2", np.abs(ours.trust.sigma / sigma - 1).max(), "1", 1e-6, scipy),

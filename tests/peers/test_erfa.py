@@ -81,9 +81,9 @@ def figures(folder: Path) -> list[Figure]:
     _, traced = humid(folder)
     dry_air, humid_air = "eraRefco, dry air, {} deg off the zenith", "traced rays, humid air, {} deg off the zenith"
     return [
-        Figure(dry_air.format("2 to 74"), off[low].max(), "1", 1e-3, "asked; eraRefco's own 62 mas are 3e-4 at 74 deg"),
-        Figure(dry_air.format("76 to 80"), off[~low].max(), "1", 3e-3, "asked; eraRefco is 2e-3 off at 80 deg"),
-        Figure(humid_air.format("10 to 80"), np.abs(traced).max(), "1", 1e-3, "asked; at 10 deg printed to 5e-4 of itself"),
+        Figure(dry_air.format("2 to 74"), off[low].max(), "1", 1e-3, "set before; eraRefco's own 62 mas are 3e-4 at 74 deg"),
+        Figure(dry_air.format("76 to 80"), off[~low].max(), "1", 3e-3, "set before; eraRefco is 2e-3 off at 80 deg"),
+        Figure(humid_air.format("10 to 80"), np.abs(traced).max(), "1", 1e-3, "set before; at 10 deg printed to 5e-4 of itself"),
     ]
 
 

@@ -39,7 +39,7 @@ def figures(folder: Path) -> list[Figure]:
     """What is claimed."""
     away = away_m(folder)
     assert len(away) == 40
-    source = "asked; a table of 1 s instead of the orbit"
+    source = "set before; a table of 1 s instead of the orbit"
     return [Figure("ground points of 40 AVHRR pixels, largest distance", away.max(), "m", 0.05, source)]
 
 

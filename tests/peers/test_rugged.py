@@ -57,7 +57,7 @@ def figures(folder: Path) -> list[Figure]:
     met = "the ray meets the printed height at the printed point (replays 02, 03)"
     without = "8 pixels with light time and aberration (01, 04): our plain ray misses as a plain ray does"
     return [
-        Figure(what, miss[plain].max(), "m", 1e-7, "asked; Rugged's 1e-8 m and rounding of poses"),
+        Figure(what, miss[plain].max(), "m", 1e-7, "set before; Rugged's 1e-8 m and rounding of poses"),
         Figure(met, away[plain].max(), "m", 1e-7, "the same"),
         Figure(without, np.abs(miss - known)[~plain].max(), "m", 0.005, "known to be 33.79 to 34.25 m, to 0.01 m"),
     ]
