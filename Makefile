@@ -17,9 +17,9 @@ ARGS ?=
 # A ratio to a one-thread peer is only fair when the numerical libraries keep to one thread as well.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1
 
-# Tests compile thousands of functions and run each a few times: a third of the time is saved where LLVM hurries. Everything else
-# (notebooks, demo, benchmarks) runs the code as users have it.
-QUICK := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true $(XLA_FLAGS)"
+# Tests compile thousands of functions and run each a few times: two thirds of the time are saved where XLA hurries. Everything
+# else (notebooks, demo, validation, benchmarks) runs the code as users have it.
+QUICK := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false $(XLA_FLAGS)"
 
 .PHONY: help demo test lowest lint format types notebooks validation bench gate clean distclean
 

@@ -1,8 +1,9 @@
-"""The table of what was asked and reached, and the committed baseline."""
+"""The table of what was asked and reached, and the committed baseline of each family of processors."""
 
 import importlib.metadata
 import json
 import platform
+import re
 from pathlib import Path
 
 from .peers import MissingPeer, compiler_version, processor
@@ -85,15 +86,29 @@ def machine() -> dict[str, str]:
     return {"processor": processor(), "compiler": compiler, "python": platform.python_version(), **versions}
 
 
+def family(processor: str) -> str:
+    """The kind of processor that a baseline holds for: "AMD EPYC 7B13 64-Core Processor" and "AMD EPYC" are of one family."""
+    words = [word for word in re.sub(r"\(.*?\)", "", processor).split() if not re.search(r"\d|^(CPU|Processor|@)$", word)]
+    return " ".join(words[:2]) or "unknown"
+
+
+def _baselines() -> dict[str, dict]:
+    return json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
+
+
 def read_baseline() -> dict[str, float]:
-    """Committed ratios by the benchmark's name; empty where there are none yet."""
-    return json.loads(BASELINE.read_text())["ratios"] if BASELINE.exists() else {}
+    """Committed ratios of this family of processors, by the benchmark's name; empty where there are none yet.
+
+    The same code against the same peer is 1.1 on one family and 1.6 on another, so families are not compared.
+    """
+    return _baselines().get(family(processor()), {}).get("ratios", {})
 
 
 def write_baseline(rows: list[tuple[Benchmark, Measured | str]]) -> None:
-    """Writes what was measured now over what the file holds; seconds depend on the machine and are left out."""
+    """Writes what was measured now over what the file holds for this family; seconds depend on the machine and are left out."""
     ratios = read_baseline()
     for benchmark, measured in rows:
         if benchmark.unit == "x" and isinstance(measured, Measured):
-            ratios[benchmark.name] = round(measured.reached, 3)
-    BASELINE.write_text(json.dumps({"machine": machine(), "ratios": ratios}, indent=2) + "\n")
+            ratios[benchmark.name] = round(measured.reached, 3 if measured.reached >= 0.1 else 5)
+    found = _baselines() | {family(processor()): {"machine": machine(), "ratios": ratios}}
+    BASELINE.write_text(json.dumps(found, indent=2) + "\n")

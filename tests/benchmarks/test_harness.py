@@ -66,3 +66,30 @@ def test_a_race_gives_the_ratio_of_two_programs():
     found = race(work(400_000), work(100_000), seconds=0.2)
     assert 2.5 < found.reached < 6.5
     assert found.ours_s is not None and found.ours_s > 0
+
+
+@pytest.mark.parametrize(
+    ("processor", "family"),
+    [
+        ("Intel(R) Xeon(R) Processor", "Intel Xeon"),
+        ("Intel(R) Xeon(R) Platinum 8481C CPU @ 2.70GHz", "Intel Xeon"),
+        ("AMD EPYC 7B13 64-Core Processor", "AMD EPYC"),
+        ("AMD EPYC", "AMD EPYC"),
+        ("aarch64", "unknown"),
+        ("", "unknown"),
+    ],
+)
+def test_processors_of_one_family_share_a_baseline(processor, family):
+    assert report.family(processor) == family
+
+
+def test_a_baseline_is_that_of_the_family(monkeypatch, tmp_path):
+    monkeypatch.setattr(report, "BASELINE", tmp_path / "baseline.json")
+    for name, reached in (("AMD EPYC 9", 0.5), ("Intel(R) Xeon(R)", 2.0)):
+        monkeypatch.setattr(report, "processor", lambda name=name: name)
+        report.write_baseline([(of(None), Measured(reached))])
+        assert report.read_baseline() == {"name": reached}
+    monkeypatch.setattr(report, "processor", lambda: "AMD EPYC 7")
+    assert report.read_baseline() == {"name": 0.5}
+    monkeypatch.setattr(report, "processor", lambda: "Apple M2")
+    assert report.read_baseline() == {}
