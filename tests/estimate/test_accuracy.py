@@ -85,6 +85,15 @@ def test_equal_axes_with_a_bias_are_noncentral_chi(d, probability):
     np.testing.assert_allclose(found, expected, rtol=2e-8)
 
 
+@pytest.mark.parametrize(("d", "probability"), [(1, 0.05), (2, 0.0920429), (3, 0.0345079)])
+def test_a_search_that_has_arrived_stays(d, probability):
+    """Of thousands of lanes: rounding may put Newton's last step a hair outside of its bracket."""
+    lengths = 10 ** np.random.default_rng(1).uniform(-3, 1, 4000)
+    expected = np.sqrt(scipy.stats.ncx2.ppf(probability, d, lengths**2))
+    found = error_radius(np.eye(d), probability, lengths[:, None] * np.eye(d)[0])
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize("probability", [0.01, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_ellipses(probability, ratio):

@@ -32,6 +32,8 @@ _COARSE, _FINE = (24, 4.0), (48, 5.0)
 # Newton on normal scores takes 3 to 5 steps, up to 8 beside the ends of the probabilities.
 _STEPS = 8
 _LOWEST, _HIGHEST = 1e-3, 1 - 1e-6
+# Of log s: where Newton's step has come down to this, it is rounding that decides on which side of the bracket it ends.
+_ARRIVED = 1e-6
 # An eigenvalue below zero by less than this share of the trace is rounding.
 _ROUNDING = 1e-9
 
@@ -213,7 +215,8 @@ def _quantile(covariance, bias, probability: Component) -> tuple[Component, Comp
         here = ndtri(jnp.clip(reached, 1e-300, 1 - 1e-16))
         slope = -density * s / (width * width) * jnp.exp(here * here / 2) * jnp.sqrt(2 * jnp.pi)
         newton = log_s - (here - score) / slope
-        return jnp.where((newton >= low) & (newton <= high), newton, (low + high) / 2), low, high
+        is_fine = (newton >= low) & (newton <= high) | (jnp.abs(newton - log_s) < _ARRIVED)
+        return jnp.where(is_fine, newton, (low + high) / 2), low, high
 
     # A normal Q of the same mean and variance has q = 1/s + mean - variance s.
     start = jnp.log((jnp.sqrt(score * score + 4) - score) / (2 * sigma))
