@@ -169,6 +169,18 @@ def test_lines_that_take_a_thousand_times_as_long_are_noted():
     assert note == "lines.csv, line 3, column time_s: a line before it takes 1e+03 s, of all others 0.1 s."
 
 
+def test_a_rate_of_lines_that_leaps_within_an_image_is_noted():
+    columns = {"line": np.array([0.0, 1000, 6000, 0, 10]), "time_s": np.array([0.0, 2.5, 2.6, 5, 5.01])}
+    (note,) = cautions.of_lines(Table("lines.csv", columns, range(2, 7)), [[0, 1, 2], [3, 4]])
+    assert note.startswith("lines.csv, line 4, column time_s: a line before it takes 2e-05 s, and 0.0025 s earlier in the same")
+
+
+def test_lines_that_take_no_time_are_noted():
+    columns = {"line": np.array([0.0, 6000]), "time_s": np.array([0.0, 0.0026])}
+    (note,) = cautions.of_lines(Table("lines.csv", columns, range(2, 4)), [[0, 1]])
+    assert note == "lines.csv, line 3, column time_s: a line takes 4.33e-07 s; are the times in seconds?"
+
+
 def test_healthy_flights_have_no_notes(written):
     for name, folder in written.items():
         notes = wj.read_flight(folder).notes

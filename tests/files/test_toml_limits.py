@@ -19,7 +19,7 @@ ODD = {
     "tables": (nested(900, "{a=", "}", "1"), "nested more than 32 deep"),
     "lists of tables": (nested(500, "[{a=", "}]", "1"), "nested more than 32 deep"),
     "a text": (f'"{"x" * 10**6}"', "a text of 1000000 characters"),
-    "a decimal integer": ("1" * 5000, "not valid TOML"),
+    "a decimal integer": ("1" * 5000, "not valid TOML: an integer of thousands of digits"),
     "a hexadecimal integer": ("0x" + "f" * 5000, "beyond 64 bits"),
     "an integer beyond float64": ("1" * 400, "beyond 64 bits"),
     "a date": ("2024-05-01", "datetime.date"),
@@ -36,6 +36,27 @@ def test_odd_values(folder, case):
     value, message = ODD[case]
     said = folder.toml("max_gap_s = 0.02", f"max_gap_s = {value}").refused("flight.toml: ", message)
     assert len(said) < 1000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("format = 1", "format = true", ("format", "1")),
+        (
+            "[pos]",
+            '[[noise]]\nframe = "body"\nturn_sigma_deg = [400.0, 0.0, 0.0]\n[pos]',
+            ("noise[0]", "turn_sigma_deg[0]", "360, not 400"),
+        ),
+        (
+            "[pos]",
+            "".join(f'[[noise]]\nframe = "body"\nturn_sigma_deg = [{i}, 0.0, 0.0]\n' for i in (0.1, 0.2)) + "[pos]",
+            ("noise[1].frame: 'body' has a [[noise]] before",),
+        ),
+    ],
+    ids=["a flag for a number", "a sigma beyond a turn", "the noise of a frame twice"],
+)
+def test_values_that_mean_something_else(folder, old, new, said):
+    folder.toml(old, new).refused("flight.toml: ", *said)
 
 
 def test_deep_keys(folder):

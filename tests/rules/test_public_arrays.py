@@ -361,12 +361,12 @@ def takes(name: str) -> Takes:
 EVERY = [(name, argument) for name in (*TAKES, *PARTS) for argument in takes(name).arrays]
 
 
-def refuses(name: str, argument: str, value: Any, more: str = "") -> None:
+def refuses(name: str, argument: str, value: Any, more: str = "", **others: Any) -> None:
     """The owner and the argument, as a user would look for them."""
     case = takes(name)
     owner = case.owner or name
     with pytest.raises(wj.WhiskjaxError, match=rf"(?i)\b{re.escape(owner)}\b.*{re.escape(argument)}.*{more}"):
-        found(name)(**(case.good | {argument: value}))
+        found(name)(**(case.good | others | {argument: value}))
 
 
 def test_every_public_name_is_here():
@@ -409,6 +409,42 @@ def test_words_are_no_numbers(name, argument):
         refuses(name, argument, np.full(np.shape(takes(name).good.get(argument, wrong)), "twelve"))
 
 
+@pytest.mark.parametrize("name, argument", EVERY)
+def test_durations_are_no_numbers(name, argument):
+    """numpy counts them among the integers, in whatever unit they have."""
+    wrong = takes(name).arrays[argument]
+    good = takes(name).good.get(argument, np.zeros(3) if wrong is None else wrong)
+    if argument not in ("surface", "window_s", "role") and (name, argument) != ("sweep", "point"):
+        refuses(name, argument, np.full(np.shape(good), 1000, dtype="timedelta64[ms]"), "timedelta64")
+
+
+# What is needed beside the option, of those whose arrays are all inside other arguments.
+OTHERS: dict[str, dict[str, Any]] = {
+    "calibrate": {"sensor": SENSOR, "observations": OBSERVATIONS, "unknowns": [UNKNOWN]},
+    "two_step": {
+        "sensor": SENSOR,
+        "block": BLOCK,
+        "unknowns": [UNKNOWN],
+        "pos_errors": wj.PosErrors("body", THREE, THREE),
+        "mounts": [],
+    },
+    "write_flight": {"flight": None, "folder": "nowhere"},
+}
+FLAGS = [
+    (name, argument)
+    for name in (*TAKES, *PARTS)
+    for argument, parameter in inspect.signature(found(name)).parameters.items()
+    if parameter.annotation in (bool, "bool")
+]
+
+
+@pytest.mark.parametrize("name, argument", FLAGS)
+@pytest.mark.parametrize("value", ["no", 0, None])
+def test_options_are_on_or_off(name, argument, value):
+    """Words, numbers and None would each be taken as one of the two."""
+    refuses(name, argument, value, "(True|bool)", **OTHERS.get(name, {}))
+
+
 @pytest.mark.parametrize("name, argument", [pair for pair in EVERY if pair[1] in takes(pair[0]).absolute.split()])
 def test_float32_is_refused_where_it_would_be_wrong(name, argument):
     good = takes(name).good.get(argument, np.zeros((3, 3)))
@@ -441,3 +477,50 @@ def test_a_sensor_that_is_batched_by_vmap_is_taken():
 
     lanes = jax.eval_shape(jax.vmap(focal), *(jax.ShapeDtypeStruct((7, *shape), jnp.float64) for shape in ((), (5,), (3,))))
     assert lanes.shape == (7,)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: wj.Shot(swing=np.array([2**32])), "Shot: swing holds 4294967296"),
+        (
+            lambda: wj.nees([[1.0, 1.0]], [[[1.0, 0.9], [0.0, 1.0]]]),
+            "nees: the covariance of run 0 is no covariance: it is not sym",
+        ),
+        (lambda: wj.LineTimes([0, 100], [0.0, 1.0]).s_per_line("a"), "LineTimes.s_per_line: line"),
+        (lambda: wj.calibrate_batch([(SENSOR, OBSERVATIONS, 1)], [UNKNOWN]), "run 0 has 3 parts"),
+        (lambda: wj.Unknown(" ", "mount.lever_arm_m[0]", 0.0, 1.0), "named ' '"),
+        (lambda: wj.Unknown("a", "mount.lever_arm_m[\uff12]", 0.0, 1.0), "is no place in a sensor"),
+        (lambda: wj.Unknown("a", "mount.lever_arm_m[00]", 0.0, 1.0), "is no place in a sensor"),
+        (lambda: wj.Records([0.5, 0.5], [2.0, 2.0], [3000.0, -9999.0]), "Records: height_m holds -9999, where nothing flies"),
+        (
+            lambda: wj.Records([0.5, 0.0], [2.0, 0.0], [3000.0, 3000.0]),
+            r"Records: lat_rad and lon_rad are exactly 0 at index \(1,\)",
+        ),
+        (
+            lambda: wj.PosePerImage([POINT_M, [0.0, 0.0, 0.0], POINT_M], QUATERNION),
+            r"PosePerImage: position_m of image 1 is \(0, 0, 0\), 6,378 km from the others",
+        ),
+        (
+            lambda: wj.locate(SENSOR, LOOKS, guess=wj.Guess(POINT_M, np.eye(3)), sigma_enu_m=THREE),
+            "locate: guess says where the target may be, and so does sigma_enu_m",
+        ),
+        (
+            lambda: wj.locate(SENSOR, LOOKS, sigma_enu_m=THREE, noise=[wj.FrameNoise("body", 0.1 * THREE)] * 2),
+            r"locate: noise\[1\] is of 'body' as one before it",
+        ),
+    ],
+)
+def test_what_would_be_taken_for_something_else_is_refused(make, message):
+    with pytest.raises(wj.WhiskjaxError, match=message):
+        make()
+
+
+def test_s_per_line_takes_lists():
+    np.testing.assert_array_equal(wj.LineTimes([0, 100], [0.0, 1.0]).s_per_line([1, 2]), [0.01, 0.01])
+
+
+def test_correlation_is_told_for_each_axis():
+    """None is white noise: of one axis, or of all."""
+    errors = wj.PosErrors("body", 0.1 * THREE, THREE, turn_correlation_s=[None, 60.0, 60.0])
+    assert errors.correlation_s == (None, 60.0, 60.0, None, None, None)

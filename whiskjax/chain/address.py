@@ -42,8 +42,10 @@ class Address(NamedTuple):
         return ".".join((self.link, *self.path[:-1], field)) + index
 
 
+# What a part is, or where it is recorded: signs, the scale of a polynomial's argument, sizes, tables.
+_GIVEN = {"along_sign", "across_sign", "half_width_px", "samples_px", "size_px", "sample_px", "time_s", "max_gap_s"}
 _INNER, _SHOWN = re.compile("_rad$"), re.compile("_deg$")
-_FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?$")
+_FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[((?:0|[1-9][0-9]*)(?:\s*,\s*(?:0|[1-9][0-9]*))*)\])?$")
 
 
 def parse(text: str) -> Address:
@@ -119,7 +121,7 @@ def make_room(sensor: Sensor, address: Address) -> Sensor:
         leaf = jnp.zeros(()) if leaf is not None else _zeros_like_field(node, address.path[-1])
         if leaf is not None:
             sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
-    if not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
+    if address.path[-1] in _GIVEN or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
         raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
     if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
         raise WhiskjaxError(f"{address.text}: the array there has shape {leaf.shape}; name one of its entries, as [0]")

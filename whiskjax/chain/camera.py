@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
-from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need_flags
 from ..rules.results import choose, failure_if
 from .shot import Shot
 
@@ -78,6 +78,10 @@ class AbstractCamera(eqx.Module):
     def ends(self) -> tuple[Component, ...]:
         """First and last sample of a detector line; nothing where there is none, or they are not known."""
         return ()
+
+    def limits(self) -> tuple[Component, ...]:
+        """Lowest and highest number of the first pixel coordinate on the detector, then of the second, as far as known."""
+        return self.ends()
 
     @abc.abstractmethod
     def miss(self, q: Vec3) -> Component:
@@ -155,6 +159,7 @@ class FrameCamera(AbstractCamera):
     ):
         """**Raises:** `WhiskjaxError` for other shapes than these, a focal length or size that is not positive."""
         arrays = Arrays("FrameCamera")
+        need_flags("FrameCamera", per_image=per_image)
         # A focal length for each image is no batch of the others: the shot picks one.
         focal, many = (Arrays("FrameCamera"), "images") if per_image else (arrays, "...")
         self.focal_px = focal.take("focal_px", focal_px, many, finite=True, above=0.0, meaning="a number of pixels")
@@ -249,12 +254,13 @@ class FrameCamera(AbstractCamera):
         return grows(r2) & ((discriminant < 0) | (grows(on_the_way(q, 21 * k3)) & grows(on_the_way(3 * k1, q))))
 
     def check_direction(self, q: Vec3) -> RESULTS:
-        """In front of the camera, and inside the invertible radius."""
+        """In front of the camera, whose focal length may have been estimated, and inside the invertible radius."""
         behind = ~(q[2] < 0)
         w = -1 / jnp.where(behind, -1.0, q[2])
         folded = jnp.logical_not(self._unfolded(q[0] * w, q[1] * w))
         result = failure_if(folded, RESULTS.distortion_not_invertible)
-        return choose(behind, RESULTS.point_behind_camera, result)
+        result = choose(behind, RESULTS.point_behind_camera, result)
+        return choose(self.focal_px <= 0, RESULTS.no_focal_length, result)
 
     def check_pixel(self, pixel: Vec2) -> RESULTS:
         """Whether undistorting converged inside the invertible radius."""
@@ -271,9 +277,16 @@ class FrameCamera(AbstractCamera):
         """Inside the frame."""
         if self.size_px is None:
             return True
-        wide, high = self.size_px[..., 0], self.size_px[..., 1]
+        left, right, top, bottom = self.limits()
         column, row = pixel
-        return (column >= -0.5) & (column <= wide - 0.5) & (row >= -0.5) & (row <= high - 0.5)
+        return (column >= left) & (column <= right) & (row >= top) & (row <= bottom)
+
+    def limits(self) -> tuple[Component, ...]:
+        """The edges of the outermost pixels."""
+        if self.size_px is None:
+            return ()
+        zero = 0 * self.size_px[..., 0]
+        return zero - 0.5, self.size_px[..., 0] - 0.5, zero - 0.5, self.size_px[..., 1] - 0.5
 
     def miss(self, q: Vec3) -> Component:
         """A frame camera has no line."""

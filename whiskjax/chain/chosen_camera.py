@@ -87,6 +87,12 @@ class ChosenCamera(AbstractCamera):
             return ()
         return self._components(lambda camera: camera.ends() or ())
 
+    def limits(self) -> tuple[Component, ...]:
+        """Those of the chosen detector, where all have some."""
+        if not all(camera.limits() for camera in self.cameras):
+            return ()
+        return self._components(lambda camera: camera.limits())
+
     def miss(self, q: Vec3) -> Component:
         """The chosen camera's miss."""
         return self._choose(lambda camera: camera.miss(q), jnp.where)

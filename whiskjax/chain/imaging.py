@@ -19,7 +19,7 @@ from ..algebra.vectors import ZERO, Component, Vec2, Vec3, norm, scale, stack, t
 from ..earth.ellipsoid import height_and_up
 from ..earth.refraction import Refraction
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import RESULTS, Arrays, Numbers, first_failure, need, raise_failures, require_x64
+from ..rules import RESULTS, Arrays, Numbers, first_failure, need, need_flags, raise_failures, require_x64
 from ..rules.results import failure_if, is_successful
 from .sensor import Sensor, fit_sensor
 from .shot import Shot, fit_shot
@@ -139,9 +139,10 @@ def finish(components: tuple[Component, ...], result: RESULTS) -> Float[Array, "
     return stack([jnp.where(ok, c, jnp.nan) for c in components])
 
 
-def begin(door: str, sensor: Sensor, shot: Shot) -> Arrays:
-    """What every door asks of its sensor and its shot; the arrays taken next have to fit them."""
+def begin(door: str, sensor: Sensor, shot: Shot, **flags: bool) -> Arrays:
+    """What every door asks of its sensor, its shot and its options; the arrays taken next have to fit them."""
     require_x64(door)
+    need_flags(door, **flags)
     need(door, "sensor", sensor, Sensor)
     need(door, "shot", shot, Shot, "Shot(time_s=...)")
     arrays = Arrays(door)
@@ -187,7 +188,7 @@ def ray(sensor: Sensor, shot: Shot, pixel_px: Float[Numbers, "... 2"], *, throw:
 
     **Raises:** `SensorError`; `WhiskjaxError` where shapes do not fit; `RuntimeError` where float64 is off.
     """
-    answer = _ray(sensor, shot, take_pixel(begin("ray", sensor, shot), pixel_px))
+    answer = _ray(sensor, shot, take_pixel(begin("ray", sensor, shot, throw=throw), pixel_px))
     if throw:
         raise_failures(answer.result, "ray")
     return answer
@@ -221,7 +222,7 @@ def project(sensor: Sensor, shot: Shot, point_m: Float[Numbers, "... 3"], *, thr
 
     **Raises:** `SensorError`; `WhiskjaxError` for float32, or where shapes do not fit; `RuntimeError` where float64 is off.
     """
-    answer = _project(sensor, shot, take_point(begin("project", sensor, shot), point_m))
+    answer = _project(sensor, shot, take_point(begin("project", sensor, shot, throw=throw), point_m))
     if throw:
         raise_failures(answer.result, "project")
     return answer
@@ -255,7 +256,7 @@ def image_to_ground(
     **Raises:** `SensorError`; `WhiskjaxError` where shapes do not fit, or the surface is none; `RuntimeError` where float64 is
     off.
     """
-    arrays = begin("image_to_ground", sensor, shot)
+    arrays = begin("image_to_ground", sensor, shot, throw=throw)
     need_surface("image_to_ground", surface)
     pixel = take_pixel(arrays, pixel_px)
     arrays.fit("surface", getattr(surface, "batch_shape", ()), "...")

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale, unstack
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
-from ..rules.results import failure_if
+from ..rules.results import choose, failure_if
 from .camera import AbstractCamera, common_batch, parameter
 from .shot import Shot
 
@@ -144,8 +144,9 @@ class LineCamera(AbstractCamera):
         return (a, c, -self.focal_px) if self.along == "x" else (c, a, -self.focal_px)
 
     def check_direction(self, q: Vec3) -> RESULTS:
-        """In front of the camera."""
-        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)
+        """In front of the camera, whose focal length may have been estimated."""
+        result = failure_if(~(q[2] < 0), RESULTS.point_behind_camera)
+        return choose(self.focal_px <= 0, RESULTS.no_focal_length, result)
 
     def check_pixel(self, pixel: Vec2) -> RESULTS:
         """Every pixel has a direction."""

@@ -45,6 +45,7 @@ class LineTimes(eqx.Module):
         Numpy arrays give numpy arrays, for which nothing is compiled.
         """
         xp = np if isinstance(line, np.ndarray) else jnp
+        line = Arrays("LineTimes.s_per_line").take("line", line, "...")
         lines, time = xp.asarray(self.line), xp.asarray(self.time_s)
         last = xp.clip(xp.searchsorted(lines, xp.asarray(line), side="right"), 1, len(lines) - 1)
         known = (line >= lines[0]) & (line <= lines[-1])

@@ -9,8 +9,9 @@ import numpy as np
 from ..algebra.angles import Angle
 from ..algebra.vectors import Component
 from ..earth.ellipsoid import LAT_FIRST
-from ..rules import RESULTS, Arrays, require_x64
+from ..rules import RESULTS, Arrays, is_traced, require_x64
 from .link import AbstractLink
+from .places import refuse_absent_records
 from .pose import Pose
 from .samples import ATTITUDE_RAD, TURNS
 from .shot import Shot
@@ -46,6 +47,9 @@ class Records(AbstractLink):
         self.lat_rad = take_component(arrays, "lat_rad", lat_rad, absolute=True, within_rad=np.pi / 2, meaning=LAT_FIRST)
         self.lon_rad = take_component(arrays, "lon_rad", lon_rad, absolute=True, within_rad=2 * np.pi)
         self.height_m = take_component(arrays, "height_m", height_m, absolute=True)
+        place = self.lat_rad, self.lon_rad, self.height_m
+        if not any(isinstance(number, Angle) or is_traced(number) for number in place):
+            refuse_absent_records(arrays, *map(np.asarray, place))
         self.roll_rad = take_component(arrays, "roll_rad", roll_rad, True, ATTITUDE_RAD, TURNS)
         self.pitch_rad = take_component(arrays, "pitch_rad", pitch_rad, True, ATTITUDE_RAD, TURNS)
         self.heading_rad = take_component(arrays, "heading_rad", heading_rad, True, ATTITUDE_RAD, TURNS)

@@ -176,7 +176,7 @@ def ground_to_image(
     **Raises:** `SensorError` (outside the swath, seen more than once, outside the trajectory, behind the camera); `WhiskjaxError`
     where a line camera has no window or a frame camera has one.
     """
-    arrays = begin("ground_to_image", sensor, shot)
+    arrays = begin("ground_to_image", sensor, shot, clip=clip, throw=throw)
     point = take_point(arrays, point_m)
     is_line = sensor.is_line
     if is_line != (window_s is not None):

@@ -14,6 +14,7 @@ from .attitudes import Slerp, TurnSpline
 from .camera import parameter
 from .knots import Knots, take
 from .link import AbstractLink, Moves, Recorded
+from .places import refuse_lone_positions
 from .pose import Pose
 from .possible import ImpossibleMotion, refuse_impossible_motion
 from .rotations import (
@@ -217,6 +218,7 @@ class PosePerImage(AbstractStations):
         position = np.asarray(arrays.take("position_m", position_m, "images 3", absolute=True, finite=True))
         quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "images 4", absolute=True, finite=True))
         quaternion = unit_quaternions(quaternion, "PosePerImage: the quaternion of image")
+        refuse_lone_positions(arrays, position, "image")
         self.position_m = unstack(position)
         self.quaternion = unstack(quaternion)
         self.turn_rad = arrays.take("turn_rad", turn_rad, "images 3", optional=True, finite=True, within_rad=2 * np.pi)

@@ -149,6 +149,8 @@ def calibrate_batch(
             ready = []
             for number, pair in enumerate(share, start=count):
                 need("calibrate_batch", f"run {number}", pair, tuple, "(sensor, observations)")
+                if len(pair) != 2:
+                    raise WhiskjaxError(f"calibrate_batch: run {number} has {len(pair)} parts: (sensor, observations)")
                 sensor, observations = pair
                 need("calibrate_batch", f"sensor of run {number}", sensor, Sensor)
                 need("calibrate_batch", f"observations of run {number}", observations, Observations)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
 from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
@@ -131,6 +131,7 @@ def calibrate(
     require_x64("calibrate")
     need("calibrate", "sensor", sensor, Sensor)
     need("calibrate", "observations", observations, Observations)
+    need_flags("calibrate", throw=throw)
     need_unknowns("calibrate", "unknowns", unknowns)
     need_unknowns("calibrate", "consider", consider)
     for name, value, kind in (("loss", loss, AbstractLoss), ("blunders", blunders, Blunders), ("reweigh", reweigh, Reweigh)):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..rules import Arrays
+from ..rules.spread import refuse_covariances
 
 # Two-sided 99.7 %: an honest covariance leaves the band once in 370.
 _SIGMAS = 3.0
@@ -23,6 +24,7 @@ def nees(error: Float[np.ndarray, "runs k"], covariance: Float[np.ndarray, "runs
     error = np.asarray(arrays.take("error", error, "runs k"))
     covariance = np.asarray(arrays.take("covariance", covariance, "runs k k"))
     known = np.isfinite(covariance).all(axis=(1, 2))  # a run without an answer has no number
+    refuse_covariances(covariance[known], lambda i: f"nees: the covariance of run {np.flatnonzero(known)[i]}")
     flat = np.flatnonzero(known)[~_is_positive_definite(covariance[known])]
     if flat.size:
         arrays.refuse("covariance", f"of run {flat[0]} is not positive definite")

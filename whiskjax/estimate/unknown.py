@@ -57,6 +57,8 @@ class Unknown:
 
     def __post_init__(self):
         need("Unknown", "name", self.name, str)
+        if not self.name.strip():
+            raise WhiskjaxError(f"an Unknown is named {self.name!r}; results and messages need a word for it")
         need(f"Unknown {self.name}", "where", self.where, (str, tuple, list), "a place as 'camera.focal_px', or several")
         if not self.places:
             raise WhiskjaxError(f"unknown {self.name}: where is empty; a place is needed, as 'camera.focal_px'")
@@ -74,6 +76,8 @@ class Unknown:
             raise WhiskjaxError(f"unknown {self.name}: sigma or scale must be a positive number, not {size}")
         if self.mean is not None and not math.isfinite(self.mean):
             raise WhiskjaxError(f"unknown {self.name}: the prior mean is {self.mean}")
+        if self.places[0].path[-1] == "focal_px":
+            arrays.take("mean", self.mean, "", optional=True, above=0.0)
         if self.places[0].path[-1].endswith("_rad"):
             arrays.take("mean", self.mean, "", optional=True, within_rad=2 * math.pi)
         what = "scale" if self.sigma is None else "prior sigma"

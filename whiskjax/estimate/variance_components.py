@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..rules import Arrays, WhiskjaxError
+from ..rules import Arrays, WhiskjaxError, need_flags
 from .adjustment import Here, Ready, point_part
 from .observations import Observations
 from .unknown import Unknown
@@ -45,6 +45,7 @@ class Reweigh:
 
     def __post_init__(self):
         Arrays("Reweigh").take("spread", self.spread, "")
+        need_flags("Reweigh", images=self.images, axes=self.axes)
         if not isinstance(self.priors, bool | Mapping):
             raise WhiskjaxError(f"Reweigh: priors is True, False, or groups of unknowns by name, not {self.priors!r}")
         if not (math.isfinite(self.spread) and self.spread > 1):

@@ -25,7 +25,8 @@ _WINDOW_S, _PART, _DRIFT_M = 10.0, 0.3, 20.0
 # Nobody crabs so far at the speed of an aircraft.
 _FAST_MPS, _CRAB_DEG, _MOST_OF = 20.0, 60.0, 0.9
 _FAR_M, _TIMES_FAR = 1e5, 100.0
-_TIMES_AS_LONG = 1000.0
+_TIMES_AS_LONG, _TIMES_IN_ONE_IMAGE = 1000.0, 20.0
+_FASTEST_LINE_S = 1e-6  # the fastest line cameras take 5e-6 s
 
 
 def of_positions(table: Table, time_s: Float[np.ndarray, " n"], found: Samples, max_gap_s: float) -> list[str]:
@@ -69,17 +70,33 @@ def of_poses(table: Table, position_m: Float[np.ndarray, "n 3"]) -> list[str]:
 def of_lines(table: Table, rows: Iterable[list[int]]) -> list[str]:
     """A caution about lines that take a thousand times as long, or as short, as those of the other images do.
 
+    In one image twenty times is odd; and so are lines that take no time.
+
     **Arguments:** `rows`: of lines.csv, for each image.
     """
-    pairs = np.array([pair for index in rows for pair in itertools.pairwise(index)])
+    images = [list(itertools.pairwise(index)) for index in rows]
+    pairs = np.array([pair for image in images for pair in image])
     line, time = (table[name][pairs] for name in ("line", "time_s"))
     each = np.diff(time)[:, 0] / np.diff(line)[:, 0]
     usual = float(np.median(each))
+    if usual < _FASTEST_LINE_S:
+        return [f"{table.place(int(pairs[0, 1]), 'time_s')}: a line takes {usual:.3g} s; are the times in seconds?"]
     odd = (each > _TIMES_AS_LONG * usual) | (each < usual / _TIMES_AS_LONG)
-    if not odd.any():
-        return []
-    i = int(np.argmax(odd))
-    return [f"{table.place(int(pairs[i, 1]), 'time_s')}: a line before it takes {each[i]:.3g} s, of all others {usual:.3g} s."]
+    if odd.any():
+        i = int(np.argmax(odd))
+        return [
+            f"{table.place(int(pairs[i, 1]), 'time_s')}: a line before it takes {each[i]:.3g} s, of all others {usual:.3g} s."
+        ]
+    start = np.cumsum([0, *map(len, images)])
+    for first, stop in itertools.pairwise(start):
+        own = each[first:stop]
+        ratio = own[1:] / own[:-1]
+        odd = (ratio > _TIMES_IN_ONE_IMAGE) | (ratio < 1 / _TIMES_IN_ONE_IMAGE)
+        if odd.any():
+            i = int(np.argmax(odd))
+            where = table.place(int(pairs[first + i + 1, 1]), "time_s")
+            return [f"{where}: a line before it takes {own[i + 1]:.3g} s, and {own[i]:.3g} s earlier in the same image."]
+    return []
 
 
 def _alone(table: Table, what: str, beside: np.ndarray, least: float, unit: str, rows: np.ndarray | None = None) -> list[str]:

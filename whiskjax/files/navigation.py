@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..chain.places import HEIGHT_LIMITS_M
 from ..chain.rotations import Quaternion, quaternion_product
 from ..chain.samples import (
     body_in_ned,
@@ -33,9 +34,6 @@ ATTITUDE = {
     "quaternion": ("qx", "qy", "qz", "qw"),
 }
 VELOCITIES = (("vn_mps", "ve_mps", "vd_mps"), ("vx_mps", "vy_mps", "vz_mps"))
-
-# From the deepest mine (-4 km; codes for missing data lie at -9999) to any orbit that looks at the ground (beyond: millimetres).
-HEIGHT_LIMITS_M = (-5e3, 1e8)
 
 _DEGREES = "degrees are expected"
 _SWAPPED = f"{_DEGREES}; are latitude and longitude swapped?"

@@ -26,6 +26,11 @@ def noise_from_toml(entries: "list[NoiseTable]", sensor: Sensor) -> list[FrameNo
         if entry.frame not in sensor.names:
             known = f"the chain has {listed(sensor.names)}"
             raise FlightError(f"{NAME}: noise[{i}].frame: no frame {entry.frame!r}{meant(entry.frame, sensor.names)}; {known}")
+        if entry.frame in [other.frame for other in entries[:i]]:
+            raise FlightError(
+                f"{NAME}: noise[{i}].frame: {entry.frame!r} has a [[noise]] before; one entry holds all errors of a frame: add "
+                "variances"
+            )
         turn, shift = radian_array(entry.turn_sigma_deg or _NONE), np.array(entry.shift_sigma_m or _NONE)
         out.append(FrameNoise(entry.frame, turn.tolist(), shift.tolist()))
     return out

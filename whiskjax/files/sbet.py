@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..chain.places import HEIGHT_LIMITS_M
 from ..chain.samples import ecef_samples
 from ..rules import FlightError
-from .navigation import HEIGHT_LIMITS_M
 
 SUFFIXES = (".sbet", ".out")
 _FIELDS = (

@@ -13,6 +13,10 @@ Field = pydantic.Field
 
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+# An angle, or how well one is known: more than a whole turn is another unit.
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+ThreeDegrees = Annotated[list[Degrees], Field(min_length=3, max_length=3)]
+SigmasDegrees = Annotated[list[Annotated[float, Field(ge=0, le=360)]], Field(min_length=3, max_length=3)]
 Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 Five = Annotated[list[float], Field(min_length=5, max_length=5)]
 Positive = Annotated[float, Field(gt=0)]
@@ -102,7 +106,7 @@ class MountLink(Link):
 
     link: Literal["mount"]
     lever_arm_m: Three | None = None
-    angles_deg: Three | None = None
+    angles_deg: ThreeDegrees | None = None
     order: str = "xyz"
     lever_sign: Sign = 1
 
@@ -174,7 +178,7 @@ class CorrectionLink(Link):
 
     link: Literal["correction"]
     basis: Basis
-    turn_deg: list[Three] | None = None
+    turn_deg: list[ThreeDegrees] | None = None
     shift_m: list[Three] | None = None
 
 
@@ -248,7 +252,7 @@ class RefractionTable(Model):
 class UnknownTable(Model):
     """[[unknown]]: one number to be estimated, in the units of the file."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     where: Annotated[list[str], Field(min_length=1), pydantic.BeforeValidator(_as_list)]
     prior_mean: float | None = None
     prior_sigma: Positive | None = None
@@ -265,7 +269,7 @@ class NoiseTable(Model):
     """[[noise]]: how well the recorded pose of a frame is known at each look."""
 
     frame: str
-    turn_sigma_deg: Sigmas | None = None
+    turn_sigma_deg: SigmasDegrees | None = None
     shift_sigma_m: Sigmas | None = None
 
     @pydantic.model_validator(mode="after")
@@ -279,17 +283,23 @@ class PosErrorsTable(Model):
     """[pos_errors]: the motions of a link that an adjustment estimates, and how well POS knows them."""
 
     link: str
-    turn_sigma_deg: Sigmas
+    turn_sigma_deg: SigmasDegrees
     shift_sigma_m: Sigmas
     turn_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
     shift_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
     observed: bool = True
 
 
+def _no_flag(value: object) -> object:
+    if value is True:
+        raise ValueError("Input should be 1")  # as which Python takes it
+    return value
+
+
 class FlightTable(Model):
     """The whole of flight.toml."""
 
-    format: Literal[1]
+    format: Annotated[Literal[1], pydantic.BeforeValidator(_no_flag)]
     name: str
     epoch: str = ""
     notes: str = ""

@@ -24,6 +24,8 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
     except RecursionError as error:
         raise FlightError(f"{name}: {_TOO_DEEP}") from error
     except ValueError as error:  # of TOML, of UTF-8, and of integers of more than 4300 digits
+        if "integer string conversion" in str(error):
+            raise FlightError(f"{name}: not valid TOML: an integer of thousands of digits") from error
         raise FlightError(f"{name}: not valid TOML: {error}") from error
     _check(data, name)
     return data

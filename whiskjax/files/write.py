@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..flights.flight import Flight
-from ..rules import FlightError, need, require_x64
+from ..rules import FlightError, need, need_flags, require_x64
 from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s, refraction_to_toml
 from .flight_toml import NAME
 from .images import LINES
@@ -46,6 +46,7 @@ def write_flight(flight: Flight, folder: str | Path, *, overwrite: bool = False)
     **Raises:** `FlightError` where the folder is in the way, or where a link or camera has no form on disk.
     """
     require_x64("write_flight")
+    need_flags("write_flight", overwrite=overwrite)
     need("write_flight", "flight", flight, Flight)
     need("write_flight", "folder", folder, (str, os.PathLike))
     with flight_folder(folder, overwrite=overwrite) as new:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..chain.imaging import image_to_ground
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, raise_failures, require_x64
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, need_flags, raise_failures, require_x64
 from ..rules.spread import refuse_covariances
 from .looks import Looks
 
@@ -74,6 +74,7 @@ def first_guess(
     **Raises:** `SensorError` where that look's ray misses the surface: a target above the horizon.
     """
     need("first_guess", "looks", looks, Looks)
+    need_flags("first_guess", throw=throw)
     need_surface("first_guess", surface)
     take_sigma(Arrays("first_guess"), sigma_enu_m)
     first = jnp.argmin(looks.is_missed)

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import stack, unstack, vadd
+from ..chain.detector import refuse_impossible_pixels
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, need_unknowns
-from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need
+from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
 from .batch import Solved, at_last, solve
@@ -81,14 +82,21 @@ def locate(
     """
     surface = HeightSurface(0.0) if surface is None else surface
     need("locate", "sensor", sensor, Sensor)
+    need_flags("locate", throw=throw)
     need("locate", "looks", looks, Looks, "Looks(shot, pixel_px, sigma_px)")
     need_surface("locate", surface)
     for name, value, kind in (("guess", guess, Guess), ("motion", motion, ConstantVelocity)):
         if value is not None:
             need("locate", name, value, kind)
+    if guess is not None and sigma_enu_m is not None:
+        raise WhiskjaxError("locate: guess says where the target may be, and so does sigma_enu_m; give one of them")
     need("locate", "noise", noise, Sequence, "[FrameNoise(...), ...]")
     for i, frame in enumerate(noise):
         need("locate", f"noise[{i}]", frame, FrameNoise)
+        if frame.frame in [other.frame for other in noise[:i]]:
+            raise WhiskjaxError(
+                f"locate: noise[{i}] is of {frame.frame!r} as one before it; one entry holds all errors of a frame: add variances"
+            )
     need_unknowns("locate", "estimate", estimate)
     if not isinstance(consider, Calibration):
         need_unknowns("locate", "consider", consider)
@@ -101,6 +109,7 @@ def locate(
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
+    refuse_impossible_pixels("locate", sensor, looks.shot, looks.pixel_px, lambda i: f"look {i}")
     for frame in noise:
         frame.check(sensor)
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:

@@ -7,6 +7,7 @@ from .errors import SensorError as SensorError
 from .errors import WhiskjaxError as WhiskjaxError
 from .extras import import_extra as import_extra
 from .kinds import need as need
+from .kinds import need_flags as need_flags
 from .precision import is_traced as is_traced
 from .precision import require_x64 as require_x64
 from .results import RESULTS as RESULTS

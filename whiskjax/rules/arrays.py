@@ -15,6 +15,10 @@ from .precision import is_traced
 Numbers: TypeAlias = ArrayLike | Sequence[float] | Sequence[Sequence[float]]
 
 
+# Indices and counts are kept in 32 bits: beyond them, a number would come back as another one.
+_LARGEST = 2**31 - 1
+
+
 class Arrays:
     """Takes the arrays of one class or function, whose sizes have to fit each other.
 
@@ -60,6 +64,8 @@ class Arrays:
         if optional and value is None:
             return None
         array = self._array(name, value)
+        if np.issubdtype(array.dtype, np.timedelta64):  # which numpy counts among the integers, in whatever unit it has
+            self.refuse(name, f"has dtype {array.dtype}; numbers are expected: divide by np.timedelta64(1, 's') for seconds")
         if jnp.issubdtype(array.dtype, jnp.floating):
             if absolute and jnp.finfo(array.dtype).bits < 64:
                 self.refuse(
@@ -78,8 +84,12 @@ class Arrays:
     def take_whole(self, name: str, value: Any, shape: str, *, meaning: str = "an index") -> Any:
         """Whole numbers, as they are; `meaning` says what for."""
         array = self._array(name, value)
-        if not jnp.issubdtype(array.dtype, jnp.integer):
+        if not jnp.issubdtype(array.dtype, jnp.integer) or np.issubdtype(array.dtype, np.timedelta64):
             self.refuse(name, f"has dtype {array.dtype}, but it is {meaning}: whole numbers are expected")
+        if not is_traced(array) and array.size:
+            for extreme in (int(np.asarray(array).min()), int(np.asarray(array).max())):
+                if abs(extreme) > _LARGEST:
+                    self.refuse(name, f"holds {extreme}, but it is {meaning}, and none is beyond {_LARGEST}")
         self.fit(name, tuple(array.shape), shape)
         return array
 

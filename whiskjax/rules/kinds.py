@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from .errors import WhiskjaxError
 
 
@@ -19,3 +21,13 @@ def need(owner: str, name: str, value: Any, kind: type | tuple[type, ...], remed
     expected = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
     found = f"the class {value.__name__} itself" if isinstance(value, type) else f"a {type(value).__name__}"
     raise WhiskjaxError(f"{owner}: {name} is {found}, but {expected} is expected" + (f": {remedy}" if remedy else ""))
+
+
+def need_flags(owner: str, **flags: Any) -> None:
+    """Options that are on or off: "no", 0 and an array would each be taken as one of the two.
+
+    **Raises:** `WhiskjaxError` naming the owner and the option that is neither True nor False.
+    """
+    for name, value in flags.items():
+        if not isinstance(value, bool | np.bool_):
+            raise WhiskjaxError(f"{owner}: {name} is True or False, not {value!r}"[:200])

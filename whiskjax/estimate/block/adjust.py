@@ -10,9 +10,10 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
+from ...chain.detector import refuse_impossible_pixels
 from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
-from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
+from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
 from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
@@ -84,11 +85,13 @@ def adjust(
     for name, value, kind in (("pos_errors", pos_errors, PosErrors), ("blunders", blunders, Blunders)):
         if value is not None:
             need("adjust", name, value, kind)
-    need("adjust", "reweigh", reweigh, bool, "True; groups as of Reweigh() are for calibrate")
+    need("adjust", "reweigh", reweigh, (bool, np.bool_), "True; groups as of Reweigh() are for calibrate")
+    need_flags("adjust", retime=retime, throw=throw)
     if not unknowns and pos_errors is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
     refuse_extremes(sensor, "adjust")
     sensor.refuse_aligned("adjust")
+    refuse_impossible_pixels("adjust", sensor, block.shots(), block.pixel_px, block.ray_label)
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
     tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")

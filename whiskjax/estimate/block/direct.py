@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...chain.sensor import Sensor
-from ...rules import WhiskjaxError, need
+from ...rules import WhiskjaxError, need, need_flags
 from ...rules.results import codes_of
 from ..intersection import intersect
 from .adjustment import Statistics
@@ -46,6 +46,7 @@ def direct_positioning(sensor: Sensor, block: Block, *, ties: bool = False) -> D
     """
     need("direct_positioning", "sensor", sensor, Sensor)
     need("direct_positioning", "block", block, Block)
+    need_flags("direct_positioning", ties=ties)
     strip = block.key("strip")
     if strip is None:
         raise WhiskjaxError("direct positioning goes strip by strip, but the rays of the block carry no strip")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
-from ...rules import Arrays, WhiskjaxError, need
+from ...rules import Arrays, WhiskjaxError, need, need_flags
 from ...rules.spread import LEAST_SIGMA, MOST_SIGMA, refuse_sigmas
 
 AXES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
@@ -33,8 +33,8 @@ class PosErrors:
     link: str
     turn_sigma_rad: Sequence[float]
     shift_sigma_m: Sequence[float]
-    turn_correlation_s: Sequence[float] | None = None
-    shift_correlation_s: Sequence[float] | None = None
+    turn_correlation_s: Sequence[float | None] | None = None
+    shift_correlation_s: Sequence[float | None] | None = None
     observed: bool = True
 
     def __post_init__(self):
@@ -43,7 +43,12 @@ class PosErrors:
         arrays.take("turn_sigma_rad", self.turn_sigma_rad, "3", finite=True, least=0.0, within_rad=2 * np.pi, meaning=axes)
         arrays.take("shift_sigma_m", self.shift_sigma_m, "3", finite=True, least=0.0, meaning=axes)
         for name in ("turn_correlation_s", "shift_correlation_s"):
-            arrays.take(name, getattr(self, name), "3", optional=True, finite=True, above=0.0, meaning=axes)
+            given = getattr(self, name)
+            if isinstance(given, list | tuple):
+                arrays.fit(name, (len(given),), "3", axes)
+                given = [1.0 if seconds is None else seconds for seconds in given]
+            arrays.take(name, given, "3", optional=True, finite=True, above=0.0, meaning=axes)
+        need_flags("PosErrors", observed=self.observed)
         refuse_sigmas(self.sigma, lambda i: f"PosErrors: the sigma of {AXES[i]}", zero=True)
         for axis, c in zip(AXES, self.correlation_s, strict=True):
             if c is not None and not LEAST_SIGMA < c < MOST_SIGMA:

@@ -20,11 +20,12 @@ from jaxtyping import Float
 
 from ...chain.address import put, read
 from ...chain.correction import AbstractUniform, Correction
+from ...chain.detector import refuse_impossible_pixels
 from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
-from ...rules import WhiskjaxError, need
+from ...rules import WhiskjaxError, need, need_flags
 from ..unknown import Unknown, admit, assign, need_unknowns
 from .adjust import report, retimed
 from .adjustment import Adjustment
@@ -90,7 +91,9 @@ def two_step(
     need("two_step", "block", block, Block)
     need("two_step", "pos_errors", pos_errors, PosErrors)
     need_unknowns("two_step", "unknowns", unknowns)
+    need_flags("two_step", retime=retime)
     sensor.refuse_aligned("two_step")
+    refuse_impossible_pixels("two_step", sensor, block.shots(), block.pixel_px, block.ray_label)
     names = [x.name for x in unknowns]
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
