@@ -82,50 +82,53 @@ def blocks(pixel_px):
 
 
 VERBS = {
-    "calibrate": lambda sensor, pixel: wj.calibrate(sensor, seen(SIZED, pixel), LEVER),
-    "calibrate_batch": lambda sensor, pixel: wj.calibrate_batch([(sensor, seen(SIZED, pixel))], LEVER),
-    "adjust": lambda sensor, pixel: wj.adjust(sensor, blocks(pixel), LEVER),
-    "intersect": lambda sensor, pixel: wj.intersect(sensor, SHOT, pixel, np.zeros(6, dtype=int)),
+    "calibrate": lambda sensor, pixel: wj.calibrate(sensor, seen(SIZED, pixel), LEVER, throw=False),
+    "adjust": lambda sensor, pixel: wj.adjust(sensor, blocks(pixel), LEVER, throw=False),
     "locate": lambda sensor, pixel: wj.locate(
-        sensor, wj.Looks(SHOT, pixel, (1.0, 1.0)), surface=wj.Plane([0.0, 0, 0], [0.0, 0, 1]), sigma_enu_m=(9.0, 9, 9)
+        sensor,
+        wj.Looks(wj.Shot(time_s=np.arange(6.0)), pixel, (1.0, 1.0)),
+        surface=wj.Plane([0.0, 0, 0], [0.0, 0, 1]),
+        sigma_enu_m=(9.0, 9, 9),
+        throw=False,
     ),
 }
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize(
-    "wrong_px", [(-9999.0, 700.0), (700.0, 1900.0), (1e9, 1e9)], ids=["missing data", "column and row exchanged", "far"]
-)
-def test_pixels_far_beside_the_detector_are_refused_by_every_verb(verb, wrong_px):
+@pytest.mark.parametrize("wrong_px", [(-9999.0, 700.0), (700.0, 1900.0)], ids=["missing data", "column and row exchanged"])
+def test_pixels_far_beside_the_detector_are_named_by_every_verb(verb, wrong_px):
     pixel = np.array(wj.project(above(SIZED), SHOT, POINT_M).pixel_px)
     pixel[2] = wrong_px
-    label = {"adjust": "ray 2, point 2", "intersect": "ray 2", "locate": "look 2"}.get(verb, "observation 2")
-    place = ", ".join(f"{v:.6g}" for v in wrong_px).replace("+", r"\+")
-    with pytest.raises(wj.SensorError, match=rf"{label}, measured at \({place}\) px: the pixel lies far beside the detector"):
-        VERBS[verb](above(SIZED), pixel)
+    label = {"adjust": "ray 2, point 2", "locate": "look 2"}.get(verb, "observation 2")
+    said = [text for text in VERBS[verb](above(SIZED), pixel).warnings if "beside the detector" in text]
+    assert said == [f"{label} lies far beside the detector: are line and sample exchanged, does a number stand for missing data, "
+                    "or has the detector another size?"]  # fmt: skip
 
 
-def test_samples_far_beside_the_detector_line_are_refused_and_lines_are_not_asked():
+def test_a_detector_of_another_size_is_named():
+    camera = wj.FrameCamera(3000.0, (0.0, 0.0), size_px=(20, 20))
+    (said,) = [text for text in wj.calibrate(above(camera), seen(FRAME), LEVER).warnings if "beside" in text]
+    assert said.startswith("observation 0 lies far beside the detector (5 of 6 do): ")
+
+
+def test_samples_are_asked_of_a_line_camera_and_lines_are_not():
     pixel = np.array(wj.project(above(SWATH), SHOT, POINT_M).pixel_px)
     assert np.abs(pixel[:, 1]).max() > 500  # across the line anything is a time
-    found = wj.calibrate(above(SWATH), seen(SWATH, pixel), LEVER)
-    assert found.is_sound
+    assert "beside" not in str(wj.calibrate(above(SWATH), seen(SWATH, pixel), LEVER).warnings)
     pixel[3, 0] = 1500.0
-    with pytest.raises(wj.SensorError, match=r"observation 3, measured at \(1500, .*far beside the detector"):
-        wj.calibrate(above(SWATH), seen(SWATH, pixel), LEVER)
+    assert "observation 3 lies far beside" in str(wj.calibrate(above(SWATH), seen(SWATH, pixel), LEVER).warnings)
 
 
-def test_marks_at_the_rim_and_looks_without_a_measurement_are_taken():
-    sensor = above(SIZED)
+def test_marks_at_the_rim_are_measurements_and_what_is_left_out_is_not_asked():
+    from whiskjax.chain.detector import beside_detector
+
     rim = np.array([[0.0, 0, 0], [340, 0, 0], [-340, 0, 0], [0, 255, 0], [0, -255, 0]])  # the frame ends at 333 m and 250 m
-    pixel = np.array(wj.project(sensor, wj.Shot(), rim).pixel_px)
+    pixel = np.array(wj.project(above(SIZED), wj.Shot(), rim).pixel_px)
     assert (pixel > [2000, 1500]).any() and (pixel < 0).any()
-    pixel[0] = np.nan
-    looks = wj.Looks(wj.Shot(time_s=np.arange(5.0)), pixel, (1.0, 1.0))
-    assert len(looks) == 5
-    from whiskjax.chain.detector import refuse_impossible_pixels
-
-    refuse_impossible_pixels("locate", sensor, looks.shot, looks.pixel_px, str)
+    assert beside_detector(above(SIZED), wj.Shot(), pixel, np.ones(5, bool), str) == []
+    pixel[1] = -9999.0
+    assert beside_detector(above(SIZED), wj.Shot(), pixel, np.arange(5) != 1, str) == []
+    assert len(beside_detector(above(SIZED), wj.Shot(), pixel, np.ones(5, bool), str)) == 1
 
 
 def test_pixels_that_the_lens_does_not_make_are_refused_before_they_spoil_an_adjustment():

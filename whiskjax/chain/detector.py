@@ -1,6 +1,6 @@
 """Whether measured pixels can be measurements: on the detector, and where the camera has a direction for them.
 
-A sample and a line that were exchanged, or -9999 for "not measured", are numbers like others, and would be adjusted like them.
+A sample and a line that were exchanged, or -9999 for "not measured", are numbers like others, and are adjusted like them.
 """
 
 from collections.abc import Callable
@@ -9,11 +9,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..algebra.vectors import unstack
-from ..rules import RESULTS, SensorError, first_failure, is_traced
-from ..rules.results import failure_if, message_of
+from ..algebra.vectors import Vec2, unstack
+from ..rules import SensorError
+from ..rules.results import message_of
+from .camera import AbstractCamera
 from .sensor import Sensor
 from .shot import Shot
 
@@ -21,29 +22,54 @@ from .shot import Shot
 _BEYOND = 0.05
 
 
-@eqx.filter_jit
-def _codes(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"]) -> Int[Array, " n"]:
-    camera, pixel = sensor.camera_at(shot), unstack(pixel_px)
-    limits = camera.limits()
-    beside = jnp.zeros(pixel[0].shape, dtype=bool)
+def is_beside(camera: AbstractCamera, pixel: Vec2) -> Bool[Array, "..."]:
+    """Whether a pixel lies beside the detector by more than a twentieth of its length; not where that is not known."""
+    beside, limits = jnp.zeros(pixel[0].shape, dtype=bool), camera.limits() or ()
     for number, low, high in zip(pixel, limits[::2], limits[1::2], strict=False):
         slack = _BEYOND * (high - low)
         beside = beside | (number < low - slack) | (number > high + slack)
-    result = first_failure(failure_if(beside, RESULTS.beside_detector), camera.check_pixel(pixel))
-    return jnp.where(jnp.isnan(pixel[0] + pixel[1]), 0, jax.tree.leaves(result)[0])
+    return beside
 
 
-def refuse_impossible_pixels(
-    doing: str, sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"] | Float[np.ndarray, "n 2"], label: Callable[[int], str]
-) -> None:
-    """Pixels that are not a number (looks without a measurement) are left alone, and so is what is traced.
+@eqx.filter_jit
+def _beside(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"]) -> Bool[Array, " n"]:
+    return is_beside(sensor.camera_at(shot), unstack(pixel_px))
 
-    **Arguments:** `doing`: what is about to use them, first word of the message; `label`: what the i-th of them is called.
 
-    **Raises:** `SensorError` naming the first measurement that the camera cannot have made, and how many there are.
+@eqx.filter_jit
+def _codes(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"]) -> Int[Array, " n"]:
+    result = sensor.camera_at(shot).check_pixel(unstack(pixel_px))
+    return jax.tree.leaves(result)[0] + jnp.zeros(pixel_px.shape[0], dtype=jnp.int32)
+
+
+def beside_detector(
+    sensor: Sensor, shot: Shot, pixel_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"], label: Callable[[int], str]
+) -> list[str]:
+    """What to say of measurements that were used and lie far beside the detector: the first by name, and how many there are.
+
+    **Arguments:** `label`: what the i-th of them is called.
     """
-    if any(map(is_traced, jax.tree.leaves((sensor, shot, pixel_px)))):
-        return
+    return said_beside(np.asarray(_beside(sensor, shot, jnp.asarray(pixel_px))) & used, label)
+
+
+def said_beside(wrong: Bool[np.ndarray, " n"], label: Callable[[int], str]) -> list[str]:
+    """The sentence, where some are wrong."""
+    if not wrong.any():
+        return []
+    more = f" ({wrong.sum()} of {len(wrong)} do)" if wrong.sum() > 1 else ""
+    return [
+        f"{label(int(np.argmax(wrong)))} lies far beside the detector{more}: are line and sample exchanged, does a number stand "
+        "for missing data, or has the detector another size?"
+    ]
+
+
+def refuse_pixels_without_direction(
+    doing: str, sensor: Sensor, shot: Shot, pixel_px: Float[np.ndarray, "n 2"], label: Callable[[int], str]
+) -> None:
+    """**Arguments:** `doing`: what is about to use them, first word of the message; `label`: what the i-th of them is called.
+
+    **Raises:** `SensorError` naming the first measurement that has no line of sight, and how many there are.
+    """
     code = np.asarray(_codes(sensor, shot, jnp.asarray(pixel_px)))
     if code.any():
         i, count = int(np.argmax(code != 0)), int((code != 0).sum())

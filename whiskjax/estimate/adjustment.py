@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import Vec2
-from ..chain.detector import refuse_impossible_pixels
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
@@ -106,7 +105,6 @@ def prepare(
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
     refuse_extremes(sensor, "calibrate")
-    refuse_impossible_pixels("calibrate", sensor, observations.shot, observations.pixel_px, observations.label)
     problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
     baked, linked = _bake(problem, jnp.asarray(start))
     before, follows, seen = _begin(baked, jnp.asarray(start))

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..chain.detector import beside_detector
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
 from ..rules.progress import tell
@@ -203,6 +204,7 @@ def calibrate(
         warnings=(
             *lost,
             *contradictions(fit.check, found),
+            *beside_detector(sensor, observations.shot, observations.pixel_px, used, observations.label),
             *repeated(observations, used),
             *lopsided(observations, used),
             *kinked(sensor, unknowns),

@@ -11,7 +11,6 @@ from jaxtyping import Array, Float, Int
 from ..algebra.symmetric import solve3
 from ..algebra.vectors import Vec2, Vec3, mul, stack, total, unstack, vadd, vsub
 from ..chain.bake import bake
-from ..chain.detector import refuse_impossible_pixels
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import begin, finite, sight
 from ..chain.sensor import Sensor
@@ -84,8 +83,6 @@ def intersect(
     sigma = jnp.broadcast_to(jnp.asarray(arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0)), pixel.shape)
     if not is_traced(sigma):
         refuse_sigmas(np.asarray(sigma), lambda _: "intersect: a sigma_px")
-    if throw:
-        refuse_impossible_pixels("intersect", sensor, shot, pixel, lambda i: f"ray {i}")
     rays, whose, size = _filled(index, points)
     shots = jax.tree.map(lambda a: jnp.broadcast_to(a, index.shape)[rays], shot)
     found = _intersect(sensor, shots, pixel[rays], jnp.asarray(whose, dtype=jnp.int32), sigma[rays], size)

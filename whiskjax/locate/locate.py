@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import stack, unstack, vadd
-from ..chain.detector import refuse_impossible_pixels
+from ..chain.detector import is_beside
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
@@ -109,7 +109,6 @@ def locate(
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
-    refuse_impossible_pixels("locate", sensor, looks.shot, looks.pixel_px, lambda i: f"look {i}")
     for frame in noise:
         frame.check(sensor)
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
@@ -221,6 +220,7 @@ def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], resu
         counts=steps.counts,
         passes=jnp.broadcast_to(steps.passes, is_missed.shape),
         at_end=at_end,
+        is_beside=_beside(model),
     )
 
 
@@ -240,7 +240,13 @@ def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], res
         counts=found.equations.counts,
         passes=found.passes,
         at_end=at_end,
+        is_beside=_beside(model),
     )
+
+
+def _beside(model: Model) -> Bool[Array, " looks"]:
+    """Looks that were measured far beside the detector."""
+    return is_beside(model.sensor.camera_at(model.shots), model.pixel_px)
 
 
 def _in_pixels(

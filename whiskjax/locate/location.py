@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..chain.detector import said_beside
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.diagnosis import UNLIKELY, chi_square_tail
@@ -22,7 +23,8 @@ class LookByLook(eqx.Module):
     `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
     before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
     residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
-    whether its pose is known, `at_end` whether it can have seen the target where the estimate ended.
+    whether its pose is known, `at_end` whether it can have seen the target where the estimate ended, `is_beside` whether it was
+    measured far beside the detector.
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
     one line is `px_per_line` of them.
@@ -38,6 +40,7 @@ class LookByLook(eqx.Module):
     counts: Bool[Array, " looks"]
     passes: Bool[Array, " looks"]
     at_end: RESULTS
+    is_beside: Bool[Array, " looks"]
 
     @property
     def is_used(self) -> Bool[Array, " looks"]:
@@ -135,6 +138,7 @@ class Location(eqx.Module):
             said.append(message_of(int(codes_of(self.result))))
         said += impossible_looks(self)
         n, used = self.looks.nis.shape[0], int(self.looks.is_used.sum())
+        said += said_beside(np.asarray(self.looks.is_beside & self.looks.passes & ~self.looks.is_missed), lambda i: f"look {i}")
         if self.tail_probability <= UNLIKELY:
             factor = float(self.chi_square) / max(self.freedom, 1)
             said.append(

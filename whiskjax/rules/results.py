@@ -25,9 +25,6 @@ class RESULTS(eqx.Enumeration):
     no_focal_length = (
         "the focal length is not positive: the image is turned by 180 degrees or mirrored, or a sign of an axis is another"
     )
-    beside_detector = (
-        "the pixel lies far beside the detector; are line and sample exchanged, or does the number stand for missing data?"
-    )
     outside_swath = "the point is not seen within the given time window or detector"
     line_stands_still = (
         "from line to line the image moves across the detector by less than a hundredth of a pixel: the line does not say where "

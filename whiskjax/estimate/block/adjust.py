@@ -10,7 +10,7 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
-from ...chain.detector import refuse_impossible_pixels
+from ...chain.detector import beside_detector, refuse_pixels_without_direction
 from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
 from ...rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
@@ -91,7 +91,7 @@ def adjust(
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
     refuse_extremes(sensor, "adjust")
     sensor.refuse_aligned("adjust")
-    refuse_impossible_pixels("adjust", sensor, block.shots(), block.pixel_px, block.ray_label)
+    refuse_pixels_without_direction("adjust", sensor, block.shots(), block.pixel_px, block.ray_label)
     lonely = seen_once(block)
     refuse_unrecorded(sensor, block)
     tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")
@@ -209,6 +209,7 @@ def report(
         warnings=(
             *impossible,
             *contradictions(check, found),
+            *beside_detector(solution, block.shots(), block.pixel_px, used, block.ray_label),
             *_warnings(block, used, lonely, pos_errors, factor, tail, squared, trust, unknowns),
             *kinked(solution, unknowns),
         ),

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from ...chain.address import put, read
 from ...chain.correction import AbstractUniform, Correction
-from ...chain.detector import refuse_impossible_pixels
+from ...chain.detector import refuse_pixels_without_direction
 from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
@@ -93,7 +93,7 @@ def two_step(
     need_unknowns("two_step", "unknowns", unknowns)
     need_flags("two_step", retime=retime)
     sensor.refuse_aligned("two_step")
-    refuse_impossible_pixels("two_step", sensor, block.shots(), block.pixel_px, block.ray_label)
+    refuse_pixels_without_direction("two_step", sensor, block.shots(), block.pixel_px, block.ray_label)
     names = [x.name for x in unknowns]
     lost = [name for name in mounts if name not in names]
     if lost or not mounts:
