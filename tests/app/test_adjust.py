@@ -22,7 +22,7 @@ FIGURES = {
     "point_sigmas.png",
 }
 WRITTEN = {"results.json", "report.html", "adjusted", *TABLES, *FIGURES}
-SCENE = songshan.Scene("B", ties=60, pos_hz=20.0)
+SCENE = songshan.Scene("B", ties=60)
 
 
 def names(folder):

@@ -112,7 +112,7 @@ def test_calibrate(whiskjax, flight, calibrated, tmp_path):
 
 def test_adjust(whiskjax, tmp_path):
     """Strips too, which head the columns of figures."""
-    folder = Folder(wj.write_flight(songshan.simulate(songshan.Scene("B", ties=60, pos_hz=20.0), 1), tmp_path / "flight"))
+    folder = Folder(wj.write_flight(songshan.simulate(songshan.Scene("B", ties=60), 1), tmp_path / "flight"))
     names, out = renamed(folder.path), tmp_path / "out"
     result = whiskjax("adjust", folder.path, "--out", out)
     assert result.exit_code in (0, 3), result.stderr
