@@ -16,7 +16,7 @@ import numpy as np
 
 import whiskjax as wj
 from whiskjax.flights import tianshan
-from whiskjax.locate.batch import at_last, solve
+from whiskjax.locate.all_looks import at_last, solve
 from whiskjax.locate.filter import Belief, run
 from whiskjax.locate.model import Model
 from whiskjax.locate.nuisance import gather

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from study_page import pictures, sections, told, write
 
-from whiskjax.show.location.study_findings import findings
-from whiskjax.show.location.study_tables import tables
+from whiskjax.papers.location.findings import findings
+from whiskjax.papers.location.tables import tables
 
 PICTURES = {
     "estimators": "Errors of 1000 runs whose first guess is drawn from P0, and the mean NEES: relinearising takes the tail away, "

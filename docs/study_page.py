@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from whiskjax.show.finding import Finding
+from whiskjax.papers.finding import Finding
 from whiskjax.show.tables import Table
 
 DOCS = Path(__file__).parent

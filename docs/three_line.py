@@ -9,8 +9,8 @@ from pathlib import Path
 
 from study_page import pictures, sections, told, write
 
-from whiskjax.show.three_line.findings import AGREEMENT, findings
-from whiskjax.show.three_line.tables import tables
+from whiskjax.papers.three_line.findings import AGREEMENT, findings
+from whiskjax.papers.three_line.tables import tables
 
 PICTURES = {
     "figure_9": "Data set A after the third direct positioning: nominal above, paper-like below; plan and height.",

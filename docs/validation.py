@@ -60,7 +60,7 @@ def band(low: float | None, high: float | None) -> str:
 
 def of_whiskbroom(summary: dict) -> Iterator[Claim]:
     """Each figure with a band once; Table 6 before Table 2, which repeats it."""
-    from whiskjax.show.whiskbroom.summary import label
+    from whiskjax.papers.whiskbroom.summary import label
 
     seen = {}
     for f in summary["figures"]:
@@ -75,13 +75,13 @@ def of_whiskbroom(summary: dict) -> Iterator[Claim]:
             )
     yield from seen.values()
     for row in summary["open_questions"]:
-        if row["is_met"] is not None:
+        if row["is_inside"] is not None:
             yield Claim(
-                f"{row['question']}: {row['figure']}",
+                f"{row['section']}: {row['what']}",
                 row["unit"],
                 band(row["low"], row["high"]),
                 row["reached"],
-                row["is_met"],
+                row["is_inside"],
                 "set before",
             )
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from study_page import markdown, told, write
 
-from whiskjax.show.whiskbroom.findings import agreement, findings
-from whiskjax.show.whiskbroom.open_questions import answers_table
-from whiskjax.show.whiskbroom.tables import bands, swings
+from whiskjax.papers.whiskbroom.answer_tables import answers_table
+from whiskjax.papers.whiskbroom.findings import agreement, findings
+from whiskjax.papers.whiskbroom.tables import bands, swings
 
 BLUNDERS = (
     "*Prediction error with gross errors in the control points, over that of clean ones. One dot a seed. Scattered wrong "

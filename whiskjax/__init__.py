@@ -20,6 +20,7 @@ from .chain.image_scale import px_per_line as px_per_line
 from .chain.imaging import image_to_ground as image_to_ground
 from .chain.imaging import project as project
 from .chain.imaging import ray as ray
+from .chain.joints import joint_derivatives as joint_derivatives
 from .chain.line_camera import LineCamera as LineCamera
 from .chain.line_camera import LookTable as LookTable
 from .chain.lines import LineTimes as LineTimes
@@ -34,7 +35,6 @@ from .chain.search import ground_to_image as ground_to_image
 from .chain.sensor import Sensor as Sensor
 from .chain.shot import Shot as Shot
 from .chain.stations import AbstractStations as AbstractStations
-from .chain.sweep import sweep as sweep
 from .chain.trajectory import PosePerImage as PosePerImage
 from .chain.trajectory import Trajectory as Trajectory
 from .chain.turn import Encoder as Encoder
@@ -51,10 +51,6 @@ from .earth.surface import Plane as Plane
 from .estimate.accuracy import Accuracy as Accuracy
 from .estimate.accuracy import accuracy as accuracy
 from .estimate.accuracy import error_radius as error_radius
-from .estimate.batch import Batch as Batch
-from .estimate.batch import calibrate_batch as calibrate_batch
-from .estimate.batch import calibrate_redrawn as calibrate_redrawn
-from .estimate.batch import images_of as images_of
 from .estimate.block.adjust import adjust as adjust
 from .estimate.block.adjustment import Adjustment as Adjustment
 from .estimate.block.block import Block as Block
@@ -71,6 +67,10 @@ from .estimate.intersection import intersect as intersect
 from .estimate.losses import AbstractLoss as AbstractLoss
 from .estimate.losses import Cauchy as Cauchy
 from .estimate.losses import Huber as Huber
+from .estimate.many import Batch as Batch
+from .estimate.many import calibrate_batch as calibrate_batch
+from .estimate.many import calibrate_redrawn as calibrate_redrawn
+from .estimate.many import images_of as images_of
 from .estimate.motions import motion_unknowns as motion_unknowns
 from .estimate.observations import Observations as Observations
 from .estimate.selection import Comparison as Comparison
@@ -144,7 +144,7 @@ __all__ = [
     "Sensor",
     "Shot",
     "AbstractStations",
-    "sweep",
+    "joint_derivatives",
     "PosePerImage",
     "Trajectory",
     "Encoder",

@@ -187,7 +187,7 @@ def test_a_failure_while_writing_leaves_everything_as_it_was(whiskjax, calibrate
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("whiskjax.show.report.make_report", full)
+    monkeypatch.setattr("whiskjax.show.calibration.page.make_report", full)
     out = tmp_path / "parent" / "out"
     if existed:
         shutil.copytree(calibrated[1], out)

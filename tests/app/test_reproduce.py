@@ -10,8 +10,9 @@ import pytest
 import whiskjax as wj
 from tests.app.said import progress
 from whiskjax.chain.by import By
-from whiskjax.flights import haian, haian_paper
-from whiskjax.show.whiskbroom import findings
+from whiskjax.flights import haian
+from whiskjax.papers.whiskbroom import findings
+from whiskjax.papers.whiskbroom import printed as paper
 
 pytestmark = pytest.mark.slow
 
@@ -90,7 +91,7 @@ def test_one_seed_by_an_independent_loop(reproduced):
         for name, sensor in sensors.items()
     }
     reached = of_seed(reproduced[1], seed)
-    columns = {column for printed in haian_paper.TABLES for column in printed.columns}
+    columns = {column for printed in paper.TABLES for column in printed.columns}
     assert len(reached) == 4 * len(columns)
     for column in columns:
         here = (image == column.image) & ((column.points == "all") | (role == column.points))
@@ -141,7 +142,7 @@ def test_prints_every_table_and_the_verdict(reproduced, results):
     page = (out / "report.html").read_text(encoding="utf-8")
     for finding in findings.findings(results):
         assert f"<h3>{finding.title}</h3>" in page.replace("&#39;", "'")
-    for printed in haian_paper.TABLES:
+    for printed in paper.TABLES:
         assert f"Table {printed.number}. {printed.title} (px)" in page
 
 
@@ -154,9 +155,9 @@ def test_correlations_fall_for_phi_and_stay_for_omega(results):
 
 
 def test_ends_in_three_when_a_band_is_left(whiskjax, reproduced, monkeypatch, tmp_path):
-    column = haian_paper.Column("L2", "CR", "all")
-    bands = {**haian_paper.BANDS, (column, "mean", "y"): haian_paper.Band(-7.0, -6.0)}
-    monkeypatch.setattr("whiskjax.show.whiskbroom.summary.BANDS", bands)
+    column = paper.Column("L2", "CR", "all")
+    bands = {**paper.BANDS, (column, "mean", "y"): paper.Band(-7.0, -6.0)}
+    monkeypatch.setattr("whiskjax.papers.whiskbroom.summary.BANDS", bands)
     out = tmp_path / "out"
     result = whiskjax("reproduce", "whiskbroom", "--out", out, "--seeds", 1, "--first-seed", SEEDS[0], "--no-open-questions")
     assert result.exit_code == 3
@@ -170,7 +171,7 @@ def test_a_failure_leaves_nothing(whiskjax, monkeypatch, tmp_path):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("whiskjax.show.whiskbroom.page.make_report", full)
+    monkeypatch.setattr("whiskjax.papers.page.make_report", full)
     result = whiskjax("reproduce", "whiskbroom", "--out", tmp_path / "new" / "out", "--seeds", 1, "--no-open-questions")
     assert result.exit_code == 1 and "No space left" in result.stderr
     assert not list(tmp_path.iterdir())

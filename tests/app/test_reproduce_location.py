@@ -6,8 +6,8 @@ import json
 import pytest
 
 from tests.app.said import progress
-from tests.show.location_made_up import OUTSIDE, made
-from whiskjax.flights import tianshan_paper
+from tests.papers.location_made_up import OUTSIDE, made
+from whiskjax.papers.location import runs
 
 DRAWN = ("figure_6", "figure_7", "figure_8", "figure_9", "figure_10", "table_2", "estimators", "constant_errors")
 WRITTEN = {"report.html", "results.json", "figures.csv", *(f"{name}.png" for name in DRAWN)}
@@ -22,11 +22,11 @@ def measuring(monkeypatch):
 
         def measure(sizes, seed, on_section):
             asked.append((sizes, seed))
-            for section in tianshan_paper.SECTIONS:
+            for section in runs.SECTIONS:
                 on_section(section)
             return made(inside)
 
-        monkeypatch.setattr(tianshan_paper, "measure", measure)
+        monkeypatch.setattr("whiskjax.papers.location.reproduce.measure", measure)
         return asked
 
     return put
@@ -38,7 +38,7 @@ def test_writes_everything_and_ends_as_the_bands_say(whiskjax, measuring, tmp_pa
     result = whiskjax("reproduce", "location", "--out", out, "--runs", 100, "--seed", 7)
     assert result.exit_code == code
     progress(result.stderr)
-    assert asked == [(tianshan_paper.Sizes(100, 1000, 60, 5), 7)]
+    assert asked == [(runs.Sizes(100, 1000, 60, 5), 7)]
     assert {path.name for path in out.iterdir()} == WRITTEN
     assert all((out / f"{name}.png").read_bytes().startswith(b"\x89PNG") for name in DRAWN)
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
@@ -48,7 +48,7 @@ def test_writes_everything_and_ends_as_the_bands_say(whiskjax, measuring, tmp_pa
     lines = result.stdout.splitlines()
     assert f"{verdict['bands_inside']} of {verdict['bands']} figures with a band are inside it." in lines
     assert [line for line in lines if line.startswith("  - outside:")] == [f"  - outside: {name}" for name in verdict["outside"]]
-    assert all(section in result.stdout for section in tianshan_paper.SECTIONS)
+    assert all(section in result.stdout for section in runs.SECTIONS)
     with (out / "figures.csv").open(encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == len(results["figures"])
     assert ("Outside:" in (out / "report.html").read_text(encoding="utf-8")) == (not inside)
@@ -96,7 +96,7 @@ def test_a_failure_leaves_nothing(whiskjax, measuring, monkeypatch, tmp_path):
         raise OSError(28, "No space left on device")
 
     measuring(True)
-    monkeypatch.setattr("whiskjax.show.location.study_page.make_report", full)
+    monkeypatch.setattr("whiskjax.papers.page.make_report", full)
     result = whiskjax("reproduce", "location", "--out", tmp_path / "new" / "out")
     assert result.exit_code == 1 and "No space left" in result.stderr
     assert not list(tmp_path.iterdir())

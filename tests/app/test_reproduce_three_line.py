@@ -5,8 +5,8 @@ import json
 import pytest
 
 from tests.app.said import progress
-from tests.show.three_line_made_up import made
-from whiskjax.flights import songshan_paper
+from tests.papers.three_line_made_up import made
+from whiskjax.papers.three_line import runs
 
 SHEETS = {"tables.csv", "table_3.csv", "limits.csv", "figures.csv"}
 WRITTEN = {"report.html", "results.json", *SHEETS, *(f"figure_{number}.png" for number in range(6, 15))}
@@ -21,11 +21,11 @@ def measuring(monkeypatch):
 
         def measure(sizes, seed, on_section):
             asked.append((sizes, seed))
-            for section in songshan_paper.SECTIONS:
+            for section in runs.SECTIONS:
                 on_section(section)
             return found
 
-        monkeypatch.setattr(songshan_paper, "measure", measure)
+        monkeypatch.setattr("whiskjax.papers.three_line.reproduce.measure", measure)
         return asked
 
     return put
@@ -37,7 +37,7 @@ def test_writes_everything_and_ends_as_the_bands_say(whiskjax, measuring, tmp_pa
     result = whiskjax("reproduce", "three-line", "--out", out, "--seed", 4, "--ties", 500)
     assert result.exit_code == code
     progress(result.stderr)
-    assert asked == [(songshan_paper.Sizes(500, 500, 16), 4)]
+    assert asked == [(runs.Sizes(500, 500, 16), 4)]
     assert {path.name for path in out.iterdir()} == WRITTEN
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     verdict = results["verdict"]
@@ -51,7 +51,7 @@ def test_writes_everything_and_ends_as_the_bands_say(whiskjax, measuring, tmp_pa
 def test_by_default_everything_is_full_size(whiskjax, measuring, tmp_path):
     asked = measuring(True)
     assert whiskjax("reproduce", "three-line", "--out", tmp_path).exit_code == 0
-    assert asked == [(songshan_paper.Sizes(), 0)]
+    assert asked == [(runs.Sizes(), 0)]
 
 
 @pytest.mark.parametrize("words", [[], ["--out", "out", "--seeds", "1"], ["--out", "out", "--seed", "-1"]])

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks import batch, peers
 from benchmarks.peers.scipy_calibration import ScipyCalibration
-from whiskjax.estimate.batch import solve_lanes
 from whiskjax.estimate.columns import columns
+from whiskjax.estimate.many import solve_lanes
 
 LANES = 3
 

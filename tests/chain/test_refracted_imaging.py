@@ -150,7 +150,7 @@ def test_derivatives_of_the_ground_point(nadir_and_oblique):
 def swept(request):
     bent = frame(request.param, Refraction())
     points = unstack(wj.image_to_ground(bent, SHOTS, PIXELS, GROUND).point_m)
-    return request.param, bent, points, jax.jit(lambda p: wj.sweep(bent, SHOTS, p))(points)
+    return request.param, bent, points, jax.jit(lambda p: wj.joint_derivatives(bent, SHOTS, p))(points)
 
 
 def test_a_sweep_has_the_exact_derivative_by_the_ground_point(swept):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from whiskjax.estimate.adjustment import linearise, prepare, settle
 from whiskjax.estimate.least_squares import gauss_newton, levenberg_marquardt
+from whiskjax.estimate.linearised import linearise, prepare, refine
 from whiskjax.estimate.problem import pose_problem, weigh
 from whiskjax.flights import haian
 
@@ -122,7 +122,7 @@ def test_steps_are_those_that_moved_something(seed):
     ready = prepare(flight.sensor, flight.observations(), flight.unknowns, None)
     share = flight.observations().is_control.astype(float)
     here = linearise(ready, found.value / SIGMA)
-    assert np.abs(settle(ready, here, share, steps=1).u - here.u).max() < 1e-8
+    assert np.abs(refine(ready, here, share, steps=1).u - here.u).max() < 1e-8
 
 
 def test_steps_are_counted_up_to_the_most_that_may_be_tried(flight):

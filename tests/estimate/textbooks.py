@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation, Slerp
 
 import whiskjax as wj
-from whiskjax.estimate.adjustment import Here, Ready
+from whiskjax.estimate.linearised import LeastSquares, Linearised
 
 
 class Stations:
@@ -98,10 +98,10 @@ class MadeUp:
         self.residuals = right + self.design @ u
         residual_px = self.measured_px + self.rows_px @ u
         unseen = np.zeros(n, dtype=np.int32)
-        self.ready = Ready(
+        self.ready = LeastSquares(
             problem, [], self.observations, u, follows, weight, self.has_prior.astype(float), self.measured_px, unseen
         )
-        self.here = Here(
+        self.here = Linearised(
             u,
             residual_px,
             np.einsum("nij,nj->ni", triangle, residual_px),

@@ -14,7 +14,7 @@ from tests.files import made_up
 from tests.files.folder import Folder
 from tests.flights import pushbroom
 from whiskjax.flights.flight import Measurements, Points
-from whiskjax.show.residuals import gather
+from whiskjax.show.calibration.residuals import gather
 
 CRABS = {"straight": 0.0, "drift of 10 deg": np.radians(10.0)}
 

@@ -71,7 +71,10 @@ KINDS = {
     "a first height": (lambda: wj.first_guess(SENSOR, LOOKS, 5, np.ones(3)), r"first_guess: .*HeightSurface\(5\)"),
     "one time as window": (lambda: wj.ground_to_image(LINES, wj.Shot(), POINT_M, 1.0), "window_s is 1.0; .*(start, stop)"),
     "a name as names": (lambda: wj.bake(SENSOR, SHOT, "body"), "bake: free is a list of names, not 'body'"),
-    "an array as components": (lambda: wj.sweep(SENSOR, SHOT, POINT_M), "sweep: point is three components"),
+    "an array as components": (
+        lambda: wj.joint_derivatives(SENSOR, SHOT, POINT_M),
+        "joint_derivatives: point is three components",
+    ),
     "an array as pose": (lambda: wj.Pose(np.eye(3), np.zeros(3)), r"Pose: rotation is .*Pose.from_arrays\(rotation"),
     "an array as motion": (lambda: wj.Motion(np.zeros(3)), "Motion: turn is three components"),
     "flight for observations": (lambda: wj.calibrate(SENSOR, BLOCK, [UNKNOWN]), "calibrate: observations is a Block"),

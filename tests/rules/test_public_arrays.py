@@ -154,7 +154,9 @@ TAKES = {
         "poses",
     ),
     "Sensor": Takes({"links": {"body": POSES}, "camera": FRAME}, {}, others="links camera refraction"),
-    "sweep": Takes({"sensor": SENSOR, "shot": SHOT, "point": SWEPT}, {"point": np.zeros((3, 3))}, others="sensor shot"),
+    "joint_derivatives": Takes(
+        {"sensor": SENSOR, "shot": SHOT, "point": SWEPT}, {"point": np.zeros((3, 3))}, others="sensor shot"
+    ),
     "ray": Takes(
         {"sensor": SENSOR, "shot": EACH, "pixel_px": np.zeros(2)}, {"pixel_px": np.zeros((4, 2))}, others="sensor shot throw"
     ),
@@ -414,7 +416,7 @@ def test_durations_are_no_numbers(name, argument):
     """numpy counts them among the integers, in whatever unit they have."""
     wrong = takes(name).arrays[argument]
     good = takes(name).good.get(argument, np.zeros(3) if wrong is None else wrong)
-    if argument not in ("surface", "window_s", "role") and (name, argument) != ("sweep", "point"):
+    if argument not in ("surface", "window_s", "role") and (name, argument) != ("joint_derivatives", "point"):
         refuses(name, argument, np.full(np.shape(good), 1000, dtype="timedelta64[ms]"), "timedelta64")
 
 

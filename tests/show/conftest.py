@@ -7,9 +7,9 @@ import pytest
 
 import whiskjax as wj
 from whiskjax.flights.flight import Image
-from whiskjax.show.figures import draw_all
-from whiskjax.show.residuals import gather
-from whiskjax.show.summary import summarise
+from whiskjax.show.calibration.figures import draw_all
+from whiskjax.show.calibration.residuals import gather
+from whiskjax.show.calibration.summary import summarise
 
 
 @pytest.fixture(scope="session")
@@ -40,7 +40,7 @@ def drawings(summary, residuals):
 def made_up(n_images, per_image, *, spread=True, columns=4000, rows=3000, time=False):
     """Residuals of a frame camera: so many images with so many points each, at one place of the image unless `spread`."""
     from whiskjax.estimate.reliability import Reliability
-    from whiskjax.show.residuals import Residuals
+    from whiskjax.show.calibration.residuals import Residuals
     from whiskjax.show.scales import Scales
 
     rng = np.random.default_rng(1)

@@ -8,7 +8,7 @@ import numpy as np
 import whiskjax as wj
 from whiskjax.flights import tianshan
 from whiskjax.flights.flight import Flight, Points
-from whiskjax.show.location.target_sighting import Sighting
+from whiskjax.show.target.sighting import Sighting
 
 LOOKS = 12
 

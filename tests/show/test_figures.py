@@ -11,12 +11,12 @@ import pytest
 from PIL import Image as Picture
 
 from tests.show.conftest import made_up
-from whiskjax.show.correlation_map import draw_correlations
-from whiskjax.show.shrinkage import draw_shrinkage
+from whiskjax.show.calibration.correlation_map import draw_correlations
+from whiskjax.show.calibration.shrinkage import draw_shrinkage
+from whiskjax.show.calibration.summary import summarise
+from whiskjax.show.calibration.trends import draw_trends
+from whiskjax.show.calibration.vectors import draw_vectors
 from whiskjax.show.style import robust_limit, round_number
-from whiskjax.show.summary import summarise
-from whiskjax.show.trends import draw_trends
-from whiskjax.show.vectors import draw_vectors
 
 
 def ink_of(drawing):

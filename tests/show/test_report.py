@@ -4,11 +4,11 @@ from html.parser import HTMLParser
 
 import pytest
 
-from whiskjax.show.figures import draw_all
-from whiskjax.show.report import make_report
-from whiskjax.show.residuals import gather
-from whiskjax.show.summary import summarise
-from whiskjax.show.tables import largest, parameters, residuals
+from whiskjax.show.calibration.figures import draw_all
+from whiskjax.show.calibration.page import make_report
+from whiskjax.show.calibration.residuals import gather
+from whiskjax.show.calibration.summary import summarise
+from whiskjax.show.calibration.tables import largest, parameters, residuals
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from whiskjax.show import sheets
+from whiskjax.show.calibration import sheets
 
 
 def read(path):

@@ -12,9 +12,9 @@ from whiskjax.estimate.verdict import CheckTest
 from whiskjax.files.schema import UnknownTable
 from whiskjax.files.unknowns import unknowns_from_toml
 from whiskjax.rules import RESULTS
+from whiskjax.show.calibration.residuals import gather
+from whiskjax.show.calibration.summary import summarise
 from whiskjax.show.plain import probability
-from whiskjax.show.residuals import gather
-from whiskjax.show.summary import summarise
 from whiskjax.show.tables import weights
 
 

@@ -6,12 +6,13 @@ import io
 import pytest
 from rich.console import Console
 
-from whiskjax.show import tables
+from whiskjax.show.calibration import tables
+from whiskjax.show.tables import Cell, decimals_of, fixed, for_terminal
 
 
 def printed(table, width):
     out = io.StringIO()
-    Console(file=out, width=width, highlight=False).print(tables.for_terminal(table))
+    Console(file=out, width=width, highlight=False).print(for_terminal(table))
     return out.getvalue()
 
 
@@ -83,19 +84,19 @@ def test_alarms_are_marked(summary):
 
 
 def test_an_undetermined_sigma_is_infinite(undetermined):
-    from whiskjax.show.summary import summarise
+    from whiskjax.show.calibration.summary import summarise
 
     row = next(row for row in tables.parameters(summarise(*undetermined)).rows if row[0].text == "omega_sen")
-    assert row[4] == tables.Cell("∞", alarm=True)
+    assert row[4] == Cell("∞", alarm=True)
 
 
 @pytest.mark.parametrize(
     ("value", "decimals", "text"), [(-0.0001, 2, "0.00"), (-1.5, 1, "−1.5"), (None, 3, "–"), (12.346, 2, "12.35")]
 )
 def test_fixed(value, decimals, text):
-    assert tables.fixed(value, decimals) == text
+    assert fixed(value, decimals) == text
 
 
 @pytest.mark.parametrize(("sigma", "decimals"), [(0.030, 3), (2.1e-4, 5), (15.0, 0), (400.0, 0), (1.0, 1), (None, 6), (0.0, 6)])
 def test_two_digits_of_a_sigma(sigma, decimals):
-    assert tables.decimals_of(sigma) == decimals
+    assert decimals_of(sigma) == decimals

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image as Picture
 
 from tests.show.target_made_up import CASES, made
-from whiskjax.show.location.target_charts import draw_charts, draw_convergence, draw_ellipse, draw_innovations
+from whiskjax.show.target.charts import draw_charts, draw_convergence, draw_ellipse, draw_innovations
 
 ALL = ["error_ellipse", "convergence", "innovations"]
 DRAWN = {case: ALL for case in CASES} | {"one look": [], "batch": ["error_ellipse", "innovations"]}

@@ -7,10 +7,10 @@ import pytest
 
 from tests.show.target_made_up import CASES, LOOKS, made
 from tests.show.test_report import Page
-from whiskjax.show.location.target_charts import draw_charts
-from whiskjax.show.location.target_page import make_report
-from whiskjax.show.location.target_summary import summarise
-from whiskjax.show.location.target_tables import all_tables
+from whiskjax.show.target.charts import draw_charts
+from whiskjax.show.target.page import make_report
+from whiskjax.show.target.summary import summarise
+from whiskjax.show.target.tables import all_tables
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -8,13 +8,13 @@ import pytest
 
 from tests.show import block_made_up, target_made_up
 from tests.show.test_tables import printed
-from whiskjax.show import tables
 from whiskjax.show.block import sheets as block_sheets
 from whiskjax.show.block import tables as block_tables
 from whiskjax.show.block.summary import summarise as summarise_block
-from whiskjax.show.location import target_tables
-from whiskjax.show.location.target_summary import summarise as summarise_target
-from whiskjax.show.sheets import write_parameters, write_residuals, write_statistics
+from whiskjax.show.calibration import tables
+from whiskjax.show.calibration.sheets import write_parameters, write_residuals, write_statistics
+from whiskjax.show.target import tables as target_tables
+from whiskjax.show.target.summary import summarise as summarise_target
 
 UNIT = re.compile(r"(?<!\w)(px|lines|m|deg|s|sigmas?|%)(?!\w)")
 # Counts and ratios. Some tables name the unit of a row in a column of its own.

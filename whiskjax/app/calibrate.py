@@ -76,9 +76,9 @@ def calibrate(
         from ..estimate.losses import Cauchy, Huber
         from ..estimate.variance_components import Reweigh
         from ..files.read import read_flight
-        from ..show.figures import draw_all
-        from ..show.residuals import gather
-        from ..show.summary import summarise
+        from ..show.calibration.figures import draw_all
+        from ..show.calibration.residuals import gather
+        from ..show.calibration.summary import summarise
 
         found = read_flight(flight)
         stages.enter("compile and solve")
@@ -114,9 +114,9 @@ def _command(flight: Path, out: Path, loss: Loss, bound: float | None, blunders:
 
 def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: "Summary", drawings: "list[Drawing]") -> None:
     from ..files.write import write_flight
-    from ..show.report import make_report
-    from ..show.residuals import gather
-    from ..show.sheets import write_parameters, write_residuals, write_statistics
+    from ..show.calibration.page import make_report
+    from ..show.calibration.residuals import gather
+    from ..show.calibration.sheets import write_parameters, write_residuals, write_statistics
 
     write_parameters(folder / "parameters.csv", summary)
     write_statistics(folder / "statistics.csv", summary)
@@ -133,7 +133,8 @@ def _print(summary: "Summary", out: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ..show.tables import blunders, for_terminal, largest, parameters, residuals, sizes, weights
+    from ..show.calibration.tables import blunders, largest, parameters, residuals, sizes
+    from ..show.tables import for_terminal, weights
 
     console = Console(highlight=False)
     if not console.is_terminal:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from ..flights.flight import Flight
     from ..locate.guess import Guess
     from ..locate.looks import Looks
-    from ..show.location.target_sighting import Sighting
     from ..show.plain import Summary
     from ..show.style import Drawing
+    from ..show.target.sighting import Sighting
 
 _MAPS = ("target.geojson", "target.kml")
 _OURS = (
@@ -103,8 +103,8 @@ def locate(
         stages.enter("compile and locate")
         sighting = _locate(found, target, points, height, sigma_enu, method, gate, estimated, considered)
         stages.enter("draw and write")
-        from ..show.location.target_charts import draw_charts
-        from ..show.location.target_summary import summarise
+        from ..show.target.charts import draw_charts
+        from ..show.target.summary import summarise
 
         summary = summarise(sighting, _command(flight, target, out, height, sigma_enu, method, gate, estimate, consider))
         drawings = draw_charts(sighting)
@@ -175,7 +175,7 @@ def _locate(
     import numpy as np
 
     from ..locate.locate import locate as solve
-    from ..show.location.target_sighting import Sighting
+    from ..show.target.sighting import Sighting
 
     looks, measurement = flight.looks(points, height)
     remarks = []
@@ -299,8 +299,8 @@ def _command(
 
 
 def _write(folder: Path, sighting: "Sighting", summary: "Summary", drawings: "list[Drawing]") -> None:
-    from ..show.location.target_page import make_report
-    from ..show.location.target_tables import write_looks
+    from ..show.target.page import make_report
+    from ..show.target.tables import write_looks
 
     summary["maps"] = _write_maps(folder, sighting, summary)
     write_looks(folder / "looks.csv", sighting)
@@ -314,7 +314,7 @@ def _write_maps(folder: Path, sighting: "Sighting", summary: "Summary") -> "Summ
 
     from ..earth.ellipsoid import ecef_to_geodetic
     from ..files.located import LocatedTarget, write_geojson, write_kml
-    from ..show.location.target_summary import properties
+    from ..show.target.summary import properties
 
     if sighting.flight.world.kind == "local":
         return {"written": [], "reason": "maps need latitude and longitude, and this flight lies in a local world"}
@@ -340,8 +340,8 @@ def _print(summary: "Summary", out: Path) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from ..show.location.target_tables import all_tables
     from ..show.tables import for_terminal
+    from ..show.target.tables import all_tables
 
     console = Console(highlight=False)
     if not console.is_terminal:

@@ -1,47 +1,32 @@
-"""`whiskjax reproduce`: a paper's tables and figures beside those of its simulation, over many seeds."""
+"""`whiskjax reproduce`: a paper's tables and figures beside those of its simulation."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..papers import location as location_paper
+from ..papers import three_line as three_line_paper
+from ..papers import whiskbroom as whiskbroom_paper
 from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
-from .print_study import bands_sentence, print_study
-from .reproduce_location import location
-from .reproduce_three_line import three_line
 from .start import start_jax
 
 if TYPE_CHECKING:
-    from ..flights.haian_study import Study
-    from ..show.plain import Summary
-    from ..show.style import Drawing
-
-_DRAW = "draw and write"
-_OURS = (
-    "results.json",
-    "report.html",
-    "seeds.csv",
-    *(f"table_{number}.csv" for number in range(1, 8)),
-    *(f"figure_{number}.png" for number in range(3, 8)),
-    "open_questions.csv",
-    *(f"open_{question}.png" for question in ("weights", "drift", "blunders", "pos_errors", "covariance")),
-)
+    from ..papers.reproduction import Enter, Reproduction
 
 reproduce = typer.Typer(
     no_args_is_help=True, help="Repeat a paper: its tables and figures beside a simulation's, over many seeds."
 )
-
-
-reproduce.command()(location)
-reproduce.command("three-line")(three_line)
+Out = Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")]
 
 
 @reproduce.command()
 @answers_failures
 def whiskbroom(
-    out: Annotated[Path, typer.Option(help="The folder for results; those of an earlier run there are replaced.")],
+    out: Out,
     seeds: Annotated[int, typer.Option(min=1, help="How many simulated flights.")] = 100,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 0,
     open_questions: Annotated[
@@ -54,63 +39,109 @@ def whiskbroom(
     Prints the tables with the paper's figures, the simulation's over the seeds, and the bands in which they should lie; then what
     the paper leaves open, each figure beside its band. Ends in 0 only when every figure that has a band or a bound is inside.
     """
-    refuse_place(out, _OURS)
+    refuse_place(out, whiskbroom_paper.FILES)
     start_jax()
-    from ..flights.haian_answers import QUESTIONS
-    from .stages import Stages
+    from ..papers.whiskbroom.reproduce import reproduce, stages
 
     chosen = range(first_seed, first_seed + seeds)
-    asked = QUESTIONS if open_questions else ()
-    with Stages(*(_stage(unknowns, seed) for unknowns in (12, 15) for seed in chosen), *asked, _DRAW) as stages:
-        from ..flights.haian_answers import Sizes, ask
-        from ..flights.haian_study import study
-        from ..show.whiskbroom.charts import draw_charts
-        from ..show.whiskbroom.open_questions import draw_answers
-        from ..show.whiskbroom.summary import summarise
-
-        found = study(chosen, lambda unknowns, seed: stages.enter(_stage(unknowns, seed)))
-        answers = ask(Sizes(), stages.enter) if open_questions else None
-        stages.enter(_DRAW)
-        summary = summarise(found, answers, _command(out, seeds, first_seed, open_questions))
-        drawings = [*draw_charts(found), *(draw_answers(answers) if answers else ())]
-        with result_folder(out, _OURS) as folder:
-            _write(folder, found, summary, drawings)
-    _print(summary, out)
-    raise typer.Exit(0 if summary["verdict"]["is_inside"] else NOT_SOUND)
-
-
-def _stage(unknowns: int, seed: int) -> str:
-    return f"{unknowns} unknowns, seed {seed}"
-
-
-def _command(out: Path, seeds: int, first_seed: int, open_questions: bool) -> str:
-    words = ["whiskjax", "reproduce", "whiskbroom", "--out", str(out)]
-    words += ["--seeds", str(seeds), "--first-seed", str(first_seed)]
+    words = ["whiskbroom", "--out", str(out), "--seeds", str(seeds), "--first-seed", str(first_seed)]
     words += [] if open_questions else ["--no-open-questions"]
-    return command_text(words)
+    make = lambda command, enter: reproduce(chosen, open_questions, command, enter)
+    _run(out, whiskbroom_paper.FILES, words, stages(chosen, open_questions), make)
 
 
-def _write(folder: Path, study: "Study", summary: "Summary", drawings: "list[Drawing]") -> None:
-    from ..show.whiskbroom.open_questions import write_answers
-    from ..show.whiskbroom.page import make_report
-    from ..show.whiskbroom.tables import write_seeds, write_sheets
+@reproduce.command("three-line")
+@answers_failures
+def three_line(
+    out: Out,
+    seed: Annotated[int, typer.Option(min=0, help="Of the flights of the tables.")] = 0,
+    seeds: Annotated[int, typer.Option(min=2, help="How many flights lever arm and boresight are judged by.")] = 16,
+    ties: Annotated[
+        int | None, typer.Option(min=100, help="Tie points of the tables; by default as many as the paper has.")
+    ] = None,
+) -> None:
+    """The three-line camera over Songshan (Wang et al. 2018): Tables 1 to 6, Figures 6 to 14, and what the paper leaves out.
 
-    write_sheets(folder, summary)
-    write_answers(folder / "open_questions.csv", summary["open_questions"])
-    write_seeds(folder / "seeds.csv", study)
-    write_report(folder, summary, drawings, make_report(summary, drawings))
+    Prints the paper's figures, those of two simulated flights (nominal and paper-like) and the bands in which they should lie.
+    Ends in 0 only when every figure that has a band is inside.
+    """
+    refuse_place(out, three_line_paper.FILES)
+    start_jax()
+    from ..papers.three_line.reproduce import STAGES, reproduce
+
+    words = ["three-line", "--out", str(out), "--seed", str(seed), "--seeds", str(seeds)]
+    words += [] if ties is None else ["--ties", str(ties)]
+    make = lambda command, enter: reproduce(ties, seeds, seed, command, enter)
+    _run(out, three_line_paper.FILES, words, STAGES, make, width=160)
 
 
-def _print(summary: "Summary", out: Path) -> None:
-    from ..show.whiskbroom.findings import findings
-    from ..show.whiskbroom.open_questions import answers_table
-    from ..show.whiskbroom.tables import bands, in_order
+@reproduce.command()
+@answers_failures
+def location(
+    out: Out,
+    runs: Annotated[
+        int, typer.Option(min=20, help="How many runs each figure is made of; Figure 10 has ten times as many.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 1,
+) -> None:
+    """Target location from many oblique looks (Liu et al. 2019): Figures 6 to 10, Table 2, and what the paper leaves out.
 
-    verdict, questions = summary["verdict"], summary["open_questions"]
-    tables, sentences = [*in_order(summary), bands(summary)], [bands_sentence(verdict)]
-    if questions:
-        tables.append(answers_table(questions))
-        sentences.append(
-            f"{verdict['open_met']} of {verdict['open_asked']} figures with a band are inside it among the open questions."
-        )
-    print_study(tables, findings(summary), sentences, (*verdict["outside"], *verdict["open_missed"]), out)
+    Prints the paper's figures, the simulation's and the bands in which they should lie, and the table of estimators with the
+    Cramer-Rao bound. Ends in 0 only when every figure that has a band is inside.
+    """
+    refuse_place(out, location_paper.FILES)
+    start_jax()
+    from ..papers.location.reproduce import STAGES, reproduce
+
+    words = ["location", "--out", str(out), "--runs", str(runs), "--seed", str(seed)]
+    _run(out, location_paper.FILES, words, STAGES, lambda command, enter: reproduce(runs, seed, command, enter))
+
+
+def _run(
+    out: Path,
+    files: tuple[str, ...],
+    words: Sequence[str],
+    stages: Sequence[str],
+    make: "Callable[[str, Enter], Reproduction]",
+    width: int = 120,
+) -> None:
+    """Measure, write, print; **raises** the exit code."""
+    from ..papers.page import make_report
+    from .stages import Stages
+
+    with Stages(*stages) as entered:
+        made = make(command_text(["whiskjax", "reproduce", *words]), entered.enter)
+        with result_folder(out, files) as folder:
+            made.write_sheets(folder)
+            write_report(folder, made.summary, made.drawings, make_report(made.paper, made.summary, made.drawings))
+    _print(made, out, width)
+    raise typer.Exit(0 if made.summary["verdict"]["is_inside"] else NOT_SOUND)
+
+
+def _print(made: "Reproduction", out: Path, width: int) -> None:
+    """Tables first, the verdict last: it is what stays in view.
+
+    **Arguments:** `width`: in characters, where nobody reads along in a terminal.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..papers.page import outside, sentences
+    from ..show.tables import for_terminal
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=width)
+    paper, verdict = made.paper, made.summary["verdict"]
+    for table in (*paper.tables, *([paper.beyond] if paper.beyond else [])):
+        console.print(for_terminal(table))
+        console.print()
+    console.print(Text("What the paper contradicts or leaves open (in words in report.html):"))
+    for finding in paper.findings:
+        console.print(Text(f"  - {finding.title}"))
+    console.print()
+    for sentence in sentences(verdict):
+        console.print(Text(sentence, style="bold red" if outside(verdict) else "bold green"))
+    for name in outside(verdict):
+        console.print(Text(f"  - outside: {name}"))
+    console.print(Text(f"Written to {out}: report.html, results.json, tables and figures"), soft_wrap=True)

@@ -38,7 +38,7 @@ def haian(
     start_jax()
     from ..files.write import flight_folder, write_files
     from ..flights import haian as simulated
-    from ..show.sheets import write_truth
+    from ..show.calibration.sheets import write_truth
     from .stages import Stages
 
     with Stages("simulate"):

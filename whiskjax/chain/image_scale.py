@@ -21,9 +21,9 @@ from ..rules import RESULTS, Numbers, WhiskjaxError, first_failure, raise_failur
 from ..rules.results import failure_if
 from ..rules.sizes import filled
 from .imaging import begin, finish, finite, image, take_point
+from .joints import joint_derivatives
 from .sensor import Sensor
 from .shot import Shot
-from .sweep import sweep
 
 # A line of less than this across the detector does not say where a point lies: the mirror turns back, or nothing moves.
 _STILL_PX = 0.01
@@ -46,7 +46,7 @@ class ImageScale(NamedTuple):
 @eqx.filter_jit
 def image_scale(sensor: Sensor, shot: Shot, point: Vec3) -> ImageScale:
     """Pixel, its rate, its derivative by the ground point (components), at the shot's own time."""
-    swept = sweep(sensor, shot, point)
+    swept = joint_derivatives(sensor, shot, point)
     in_camera = swept.points[sensor.names[-1]]
     result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_direction(in_camera), finite(*swept.pixel))
     rate = None

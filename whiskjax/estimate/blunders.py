@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..rules import Arrays, WhiskjaxError
 from ..rules.progress import tell
-from .adjustment import Here, Ready, linearise, settle
+from .linearised import LeastSquares, Linearised, linearise, refine
 from .reliability import squared_residuals, whitened_covariance
 
 _NARROWING, _STARTS, _SOME, _LAST_STEPS = 2.0, 60, (0.1, 0.5), 20
@@ -52,7 +52,9 @@ class Blunders:
         return -2 * np.log(self.level)
 
 
-def snoop(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], rule: Blunders) -> tuple[Here, Bool[np.ndarray, " n"]]:
+def data_snooping(
+    ready: LeastSquares, here: Linearised, control: Bool[np.ndarray, " n"], rule: Blunders
+) -> tuple[Linearised, Bool[np.ndarray, " n"]]:
     """The solution without blunders, and which observations it keeps.
 
     **Arguments:** `here`: the least-squares solution with them; `control`: observations that may take part.
@@ -61,7 +63,7 @@ def snoop(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], rule: Blund
     kept, seen = control & (here.squared <= rule.bound), []
     for i in range(_ROUNDS):
         tell(f"blunders: round {i + 1}, {int((control & ~kept).sum())} of {int(control.sum())} observations left out")
-        here = settle(ready, here, kept.astype(float), steps=10)
+        here = refine(ready, here, kept.astype(float), steps=10)
         share = kept.astype(float)
         squared = squared_residuals(here, whitened_covariance(ready, here, share), share)
         seen.append(kept)
@@ -70,11 +72,11 @@ def snoop(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], rule: Blund
             break
     if not (kept == seen[-1]).all():  # a point on the edge comes and goes: without it
         kept = np.logical_and.reduce([kept, seen[-1]])
-        here = settle(ready, here, kept.astype(float), steps=10)
+        here = refine(ready, here, kept.astype(float), steps=10)
     return here, kept
 
 
-def _robust(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float) -> Here:
+def _robust(ready: LeastSquares, here: Linearised, control: Bool[np.ndarray, " n"], bound: float) -> Linearised:
     """Where most points agree: the lowest of the Geman-McClure minima reached from all points and from some, at random.
 
     Blunders in a cluster all pull one way, and hold the descent from all points; among some of the points they may be few. The
@@ -160,13 +162,13 @@ def _cost(linear: Linear, u: Float[np.ndarray, "1 k"], bound: float) -> float:
     return float((squared / (bound + squared)).sum())
 
 
-def _follow(ready: Ready, here: Here, control: Bool[np.ndarray, " n"], bound: float) -> Here:
+def _follow(ready: LeastSquares, here: Linearised, control: Bool[np.ndarray, " n"], bound: float) -> Linearised:
     """The minimum of the narrow cost through the chain, all observations taking part."""
     for i in range(_LAST_STEPS):
         tell(f"blunders: step {i + 1} from the best of the descents")
         last = here.u
         share = np.where(control, (bound / (bound + here.squared)) ** 2, 0.0)
-        here = settle(ready, here, share, steps=1)
+        here = refine(ready, here, share, steps=1)
         if np.abs(here.u - last).max() < _SAME:
             break
     return here

@@ -14,9 +14,9 @@ from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
-from .adjustment import Here, Ready, impossible, linearise, prepare, refuse, settle, solve, weighted_rows
-from .blunders import Blunders, snoop
+from .blunders import Blunders, data_snooping
 from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
+from .linearised import LeastSquares, Linearised, impossible, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
@@ -157,7 +157,7 @@ def calibrate(
         u = ready.start
     here = linearise(ready, u)
     for _ in range(_POLISH if loss is not None else 1):
-        here = settle(ready, here, _share(here, control, loss), 1 if loss is not None else _POLISH, _NEAR)
+        here = refine(ready, here, _share(here, control, loss), 1 if loss is not None else _POLISH, _NEAR)
     converged = bool(is_successful(result))
     ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh if converged else None)
     observations = ready.observations
@@ -216,23 +216,23 @@ def calibrate(
     return answer
 
 
-def _share(here: Here, used: Bool[np.ndarray, " n"], loss: AbstractLoss | None) -> Float[np.ndarray, " n"]:
+def _share(here: Linearised, used: Bool[np.ndarray, " n"], loss: AbstractLoss | None) -> Float[np.ndarray, " n"]:
     """How much each observation pulls: 1, less under a robust loss, 0 where it takes no part."""
     return used.astype(float) if loss is None else used * np.asarray(loss.weight(jnp.asarray(here.squared)))
 
 
 def _cleanse(
-    ready: Ready,
-    here: Here,
+    ready: LeastSquares,
+    here: Linearised,
     control: Bool[np.ndarray, " n"],
     unknowns: Sequence[Unknown],
     blunders: Blunders | None,
     reweigh: Reweigh | None,
-) -> tuple[Ready, Here, Bool[np.ndarray, " n"], Sequence[Unknown], Components | None]:
+) -> tuple[LeastSquares, Linearised, Bool[np.ndarray, " n"], Sequence[Unknown], Components | None]:
     """Blunders and weights, in turn until neither changes: each is judged by the other."""
     used, found, given = control, None, ready
     if blunders is not None:
-        here, used = snoop(ready, here, control, blunders)
+        here, used = data_snooping(ready, here, control, blunders)
     rows, _ = weighted_rows(ready, here, used.astype(float))
     if reweigh is None or np.linalg.matrix_rank(rows) < len(unknowns):  # what nothing determines has no weights either
         return ready, here, used, unknowns, None
@@ -242,9 +242,9 @@ def _cleanse(
         last, found = found, components(grouping, reweigh.spread, given, here, used)
         observed, prior = weighing(grouping, found)
         ready = given.reweighed(observed, prior)
-        here = settle(ready, linearise(ready, here.u), used.astype(float), steps=20)
+        here = refine(ready, linearise(ready, here.u), used.astype(float), steps=20)
         if blunders is not None:
-            here, used = snoop(ready, here, control, blunders)
+            here, used = data_snooping(ready, here, control, blunders)
         if last is not None and np.abs(np.log(found.factor / last.factor)).max() < _SAME_FACTOR:
             break
     sigma = [None if x.sigma is None else x.sigma * float(factor) for x, factor in zip(unknowns, prior, strict=True)]
@@ -252,7 +252,11 @@ def _cleanse(
 
 
 def _fit(
-    ready: Ready, here: Here, kept: Bool[np.ndarray, " n"], control: Bool[np.ndarray, " n"], blunders: Blunders | None
+    ready: LeastSquares,
+    here: Linearised,
+    kept: Bool[np.ndarray, " n"],
+    control: Bool[np.ndarray, " n"],
+    blunders: Blunders | None,
 ) -> Fit:
     """The global model test over the observations that are no blunders."""
     pulled = (ready.prior * here.u)[ready.prior > 0]
@@ -262,7 +266,9 @@ def _fit(
     return Fit(factor, tail, sound and bool(kept.sum() > (1 - most) * control.sum()), freedom)
 
 
-def _checked(ready: Ready, here: Here, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]) -> CheckTest:
+def _checked(
+    ready: LeastSquares, here: Linearised, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]
+) -> CheckTest:
     """The check points beside their prediction.
 
     **Arguments:** `common`: how the errors of the answer (columns of variance 1) move every whitened residual.
@@ -285,7 +291,7 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
 
 
 def _considered(
-    sensor: Sensor, ready: Ready, here: Here, formal: np.ndarray, share: np.ndarray, consider: Sequence[Unknown]
+    sensor: Sensor, ready: LeastSquares, here: Linearised, formal: np.ndarray, share: np.ndarray, consider: Sequence[Unknown]
 ) -> tuple[Float[np.ndarray, "n 2 c"], Float[np.ndarray, "k c"]]:
     """What numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
 

@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from ..algebra.vectors import Vec2, neg
 from ..chain.address import put
 from ..chain.imaging import apparent
+from ..chain.joints import joint_derivatives
 from ..chain.sensor import Sensor
-from ..chain.sweep import sweep
 from .problem import Group, Problem
 
 
@@ -29,7 +29,7 @@ def columns(
     links = tuple(dict.fromkeys(p.link for k in acting for p in problem.places[k]))
 
     def seen(u: Array):
-        found = sweep(problem.put(u), group.shot, group.point)
+        found = joint_derivatives(problem.put(u), group.shot, group.point)
         outer = dict(zip((*problem.sensor.names, "camera"), found.points.values(), strict=True)) | {"refraction": group.point}
         residual = tuple(z - h for z, h in zip(group.pixel, found.pixel, strict=True))
         passing = [(outer[name], _whitened_rows(group, found.derivatives.get(name))) for name in links]

@@ -13,9 +13,9 @@ from ..algebra.vectors import Vec2, Vec3, mul, stack, total, unstack, vadd, vsub
 from ..chain.bake import bake
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import begin, finite, sight
+from ..chain.joints import joint_derivatives
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot, fit_shot
-from ..chain.sweep import sweep
 from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures
 from ..rules.results import choose, failure_if, is_successful
 from ..rules.sizes import filled, rounded
@@ -173,7 +173,7 @@ def _nearest(origin: Vec3, direction: Vec3, gather, add_up) -> tuple[Vec3, Array
 
 def _normal(sensor: Sensor, shot: Shot, point: Vec3, measured: Vec2, weight: Vec2) -> tuple[Vec2, tuple, tuple]:
     """Residuals, upper triangle of the normal matrix and right side of every ray."""
-    swept = sweep(sensor, shot, point)
+    swept = joint_derivatives(sensor, shot, point)
     residual = vsub(measured, swept.pixel)
     rows = [tuple(w * e for e in row) for w, row in zip(weight, swept.derivatives["earth"], strict=True)]
     scaled = [w * r for w, r in zip(weight, residual, strict=True)]

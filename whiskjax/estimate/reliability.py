@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .adjustment import Here, Ready, weighted_rows
+from .linearised import LeastSquares, Linearised, weighted_rows
 
 # Non-centrality at which a one-dimensional test at 0.1 % finds an error four times in five: 3.29 + 0.84.
 DETECTABLE = 4.13
@@ -34,21 +34,21 @@ class Reliability(NamedTuple):
 
 
 def residual_covariance(
-    here: Here, covariance: Float[np.ndarray, "k k"], share: Float[np.ndarray, " n"]
+    here: Linearised, covariance: Float[np.ndarray, "k k"], share: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2 2"]:
     """Covariance of the whitened residuals: 1 - R C R^T where an observation took part, 1 + R C R^T where it did not."""
     spread = here.rows @ covariance @ np.swapaxes(here.rows, -1, -2)
     return np.eye(2) + np.where(share[:, None, None] > 0, -1.0, 1.0) * spread
 
 
-def whitened_covariance(ready: Ready, here: Here, share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
+def whitened_covariance(ready: LeastSquares, here: Linearised, share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k k"]:
     """Covariance of the whitened unknowns, with what nothing determines left out (pseudo-inverse)."""
     rows, _ = weighted_rows(ready, here, share)
     return np.linalg.pinv(rows.T @ rows, hermitian=True)
 
 
 def squared_residuals(
-    here: Here, covariance: Float[np.ndarray, "k k"], share: Float[np.ndarray, " n"]
+    here: Linearised, covariance: Float[np.ndarray, "k k"], share: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """The normalised squared length of each residual: chi-square with two degrees of freedom where nothing is wrong.
 
@@ -61,7 +61,7 @@ def squared_residuals(
 
 
 def of_common_points(
-    ready: Ready, index: Int[np.ndarray, " m"], difference: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 k"]
+    ready: LeastSquares, index: Int[np.ndarray, " m"], difference: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 k"]
 ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2 k"]]:
     """Whitened residuals and derivatives of some observations, whitened further where several see one point.
 
@@ -91,7 +91,9 @@ def _triangles(weight: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2 2"]:
     return np.stack([np.stack([w00, np.zeros_like(w00)], -1), np.stack([w10, w11], -1)], -2)
 
 
-def log_density(ready: Ready, here: Here, covariance: Float[np.ndarray, "k k"], which: Bool[np.ndarray, " n"]) -> float:
+def log_density(
+    ready: LeastSquares, here: Linearised, covariance: Float[np.ndarray, "k k"], which: Bool[np.ndarray, " n"]
+) -> float:
     """Mean logarithm of the density, per px^2, with which observations that took no part were predicted; NaN for none."""
     if not which.any():
         return math.nan
@@ -102,7 +104,9 @@ def log_density(ready: Ready, here: Here, covariance: Float[np.ndarray, "k k"], 
     return float(np.mean(-0.5 * (exponent + volume) - math.log(2 * math.pi)))
 
 
-def reliability(ready: Ready, here: Here, covariance: Float[np.ndarray, "k k"], used: Bool[np.ndarray, " n"]) -> Reliability:
+def reliability(
+    ready: LeastSquares, here: Linearised, covariance: Float[np.ndarray, "k k"], used: Bool[np.ndarray, " n"]
+) -> Reliability:
     """Reliability at a solution; `covariance` is that of the whitened unknowns, (k, k)."""
     share = used.astype(float)
     whitened = residual_covariance(here, covariance, share)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..rules import Arrays, WhiskjaxError, need_flags
-from .adjustment import Here, Ready, point_part
+from .linearised import LeastSquares, Linearised, point_part
 from .observations import Observations
 from .unknown import Unknown
 
@@ -175,7 +175,7 @@ def _judge(theta: Array, data: _Data) -> tuple[Array, Array, Array]:
 
 
 def components(
-    grouping: Grouping, spread: float, ready: Ready, here: Here, used: Bool[np.ndarray, " n"], steps: int = 60
+    grouping: Grouping, spread: float, ready: LeastSquares, here: Linearised, used: Bool[np.ndarray, " n"], steps: int = 60
 ) -> Components:
     """Factors on the sigmas given in `ready.observations` and the unknowns' priors that make the residuals most likely.
 

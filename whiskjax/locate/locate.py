@@ -20,7 +20,7 @@ from ..estimate.unknown import Unknown, need_unknowns
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
-from .batch import Solved, at_last, solve
+from .all_looks import Solved, at_last, solve
 from .filter import Step, run
 from .guess import Guess, first_guess, take_sigma
 from .location import Location, LookByLook, impossible_looks

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from ..algebra.vectors import Component, Mat3, Vec2, Vec3, add, mul, scale, vadd
+from ..chain.joints import joint_derivatives
 from ..chain.records import Records
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
-from ..chain.sweep import sweep
 from ..chain.turn import Readings
 from ..rules.results import is_successful
 from .noise import FrameNoise, variance_px2
@@ -66,7 +66,7 @@ class Model(eqx.Module):
         u = state[self.kinematic :]
         sensor = self.nuisance.put(self.sensor, u)
         point = vadd(self.anchor_m, state[:3])
-        swept = sweep(sensor, self.shots, point)
+        swept = joint_derivatives(sensor, self.shots, point)
         x, y = zip(*self.nuisance.rows(sensor, self.shots, point, swept, u), strict=True) if u else ((), ())
         seen = is_successful(sensor.camera_at(self.shots).check_direction(swept.points[sensor.names[-1]]))
         missed = jnp.isnan(self.pixel_px[0]) | jnp.isnan(self.pixel_px[1])

@@ -7,9 +7,9 @@ import equinox as eqx
 import numpy as np
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, is_structural, mul
+from ..chain.joints import JointDerivatives
 from ..chain.pose import Motion
 from ..chain.sensor import Sensor
-from ..chain.sweep import Sweep
 from ..chain.turn import as_parameter
 from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.spread import refuse_sigmas
@@ -66,7 +66,7 @@ class FrameNoise(eqx.Module):
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
-def variance_px2(noise: tuple[FrameNoise, ...], swept: Sweep) -> Vec3:
+def variance_px2(noise: tuple[FrameNoise, ...], swept: JointDerivatives) -> Vec3:
     """What all frames' noise adds to the covariance (r00, r01, r11) of a pixel: the sum of sigma^2 g g^T over the small motions.
 
     One variance for each recorded quantity at its own joint; gathering them into one 6x6 would cost twice as much.

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 from ..algebra.vectors import Component, Vec2, Vec3, apply
 from ..chain.address import Address, put
 from ..chain.imaging import apparent
+from ..chain.joints import JointDerivatives
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
-from ..chain.sweep import Sweep
 from ..estimate.calibrate import Calibration
 from ..estimate.unknown import Unknown, admit
 from ..rules import WhiskjaxError
@@ -43,7 +43,7 @@ class Nuisance(eqx.Module):
         pairs = [(p, self.mean[k] + self.scale[k] * u[k]) for k, places in enumerate(self.places) for p in places]
         return put(sensor, [p for p, _ in pairs], [v for _, v in pairs]) if pairs else sensor
 
-    def rows(self, sensor: Sensor, shot: Shot, point: Vec3, swept: Sweep, u: Sequence[Component]) -> list[Vec2]:
+    def rows(self, sensor: Sensor, shot: Shot, point: Vec3, swept: JointDerivatives, u: Sequence[Component]) -> list[Vec2]:
         """Derivative of the pixel by each of them: what it does to the point that passes its link, through the chain behind it.
 
         **Arguments:** `sensor`, `swept`: with `u` put in; `point`: the target, in the world.
@@ -51,7 +51,9 @@ class Nuisance(eqx.Module):
         outer = dict(zip((*sensor.names, "camera"), swept.points.values(), strict=True)) | {"refraction": point}
         return [self._row(sensor, shot, swept, outer, u, k) for k in range(len(self.places))]
 
-    def _row(self, sensor: Sensor, shot: Shot, swept: Sweep, outer: dict[str, Any], u: Sequence[Component], k: int) -> Vec2:
+    def _row(
+        self, sensor: Sensor, shot: Shot, swept: JointDerivatives, outer: dict[str, Any], u: Sequence[Component], k: int
+    ) -> Vec2:
         x: Component = 0.0
         y: Component = 0.0
         for place in self.places[k]:

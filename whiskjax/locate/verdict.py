@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .batch import Solved
+from .all_looks import Solved
 from .filter import Belief
 from .model import Model
 

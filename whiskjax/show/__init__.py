@@ -1,1 +1,1 @@
-"""What people see of a calibration: one summary, and tables, figures and a report made from it."""
+"""What people see of an answer: a summary, and tables, figures and a report made from it, by product."""

@@ -9,25 +9,25 @@ from ..rules import import_extra
 from .style import Drawing
 
 
-def render(template: str, values: Mapping[str, Any], drawings: Sequence[Drawing]) -> str:
+def render(template: Path, values: Mapping[str, Any], drawings: Sequence[Drawing]) -> str:
     """A page as HTML.
 
     **Arguments:**
 
-    - `template`: its path in this folder; it extends page.html.jinja.
+    - `template`: the file; it extends base.html.jinja of this folder.
     - `values`: what the template speaks of.
     - `drawings`: the template's `picture(name)` shows them.
     """
     jinja2 = import_extra("jinja2", "app")
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     figures = {drawing.name: _embedded(drawing) for drawing in drawings}
-    return environment.get_template(template).render(**values, figures=figures)
+    return environment.get_template(template.name).render(**values, figures=figures)
 
 
 def _embedded(drawing: Drawing) -> dict[str, str]:

@@ -32,7 +32,7 @@ from .crossing import at_crossing, refuse_unrecorded
 from .pos_errors import AXES, PosErrors
 from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
-from .wrong_ties import snoop
+from .wrong_ties import data_snooping
 
 _NAMED = 10
 _SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix, scaled to unit diagonal; sound blocks have 1e-5
@@ -110,7 +110,7 @@ def adjust(
     used, found = ~lonely[block.point], None
     for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
         if blunders is not None and _is_fine(solved):
-            prepared, solved, used = snoop(prepared, solved, used, blunders, max_steps)
+            prepared, solved, used = data_snooping(prepared, solved, used, blunders, max_steps)
         if reweigh and _is_fine(solved):
             prepared, solved, more = weights.reweigh(prepared, solved, used, max_steps)
             found = more if found is None else more._replace(factor=found.factor * more.factor)

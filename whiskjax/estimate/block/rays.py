@@ -16,11 +16,11 @@ from ...algebra.vectors import Component, Vec2, Vec3, apply, vsub
 from ...chain.address import Address, put, read
 from ...chain.by import By
 from ...chain.imaging import apparent
+from ...chain.joints import joint_derivatives
 from ...chain.link import Given
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.stations import AbstractStations, motion
-from ...chain.sweep import sweep
 
 Places = tuple[tuple[Address, ...], ...]
 
@@ -66,7 +66,7 @@ def depend(
     links = {place.link for of in places for place in of} | ({stations} if stations is not None else set())
 
     def seen():
-        found = sweep(through, shot, point)
+        found = joint_derivatives(through, shot, point)
         outer = dict(zip((*sensor.names, "camera"), found.points.values(), strict=True)) | {"refraction": point}
         met = {name: _Passage(outer[name], found.derivatives.get(name, ())) for name in sorted(links)}
         return full((vsub(pixel, found.pixel), found.derivatives["earth"], met))

@@ -16,9 +16,9 @@ from jax.scipy.special import gammaincc
 from jaxtyping import Array, Bool, Float
 
 from ...algebra.vectors import unstack
+from ...chain.joints import joint_derivatives
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
-from ...chain.sweep import sweep
 from ...rules.progress import tell
 from ..blunders import Blunders
 from .block import Block
@@ -31,7 +31,7 @@ _ROUNDS = 12
 _DELETIONS = 3  # rays that one point may lose before it loses all
 
 
-def snoop(
+def data_snooping(
     prepared: Prepared, solved: Solved, used: Bool[np.ndarray, " rays"], rule: Blunders, max_steps: int
 ) -> tuple[Prepared, Solved, Bool[np.ndarray, " rays"]]:
     """The solution without wrong rays, and which rays it uses. **Arguments:** `used`: the rays of the solution so far."""
@@ -83,7 +83,7 @@ def _judge(prepared: Prepared, state: State) -> Judged:
 
 @eqx.filter_jit
 def _by_point(sensor: Sensor, shot: Shot, point: Float[Array, "rays 3"]) -> Float[Array, "rays 2 3"]:
-    derivative = sweep(sensor, shot, unstack(point)).derivatives["earth"]
+    derivative = joint_derivatives(sensor, shot, unstack(point)).derivatives["earth"]
     return jnp.stack([jnp.stack(row, -1) for row in derivative], -2)
 
 

@@ -1,6 +1,7 @@
 """The report of an adjusted block: one HTML file that needs nothing else."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from ..page import render
 from ..plain import Summary
@@ -16,4 +17,4 @@ def make_report(summary: Summary, drawings: Sequence[Drawing]) -> str:
     """
     made = (counts, statistics, standard, unknowns, corrections, weights, residuals, sizes, point_sigmas, left_out, largest)
     tables = {make.__name__: make(summary) for make in made}
-    return render("block/page.html.jinja", {"s": summary, "tables": tables, "short": short}, drawings)
+    return render(Path(__file__).with_name("page.html.jinja"), {"s": summary, "tables": tables, "short": short}, drawings)

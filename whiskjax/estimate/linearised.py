@@ -1,0 +1,261 @@
+"""One least-squares adjustment on the host: prepare, solve, linearise, refine.
+
+What the data say near a solution is small: whitened residuals and their derivatives, a few hundred rows. They are evaluated by
+compiled functions of fixed shape and judged in numpy, so that leaving observations out, weighing them anew or asking another
+question compiles nothing.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..algebra.vectors import Vec2
+from ..chain.extremes import refuse_extremes
+from ..chain.imaging import into_camera
+from ..chain.joints import joint_derivatives
+from ..chain.sensor import Sensor
+from ..rules import RESULTS, SensorError, first_failure
+from ..rules.results import message_of
+from .columns import columns
+from .least_squares import levenberg_marquardt
+from .losses import AbstractLoss
+from .observations import Observations
+from .problem import Group, Problem, by_observation, pose_problem, weigh
+from .unknown import Unknown
+
+_ROUNDING = 1e-11  # of a prior sigma or scale: below it a step is rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class LeastSquares:
+    """A problem ready to be solved again and again with other weights.
+
+    `problem` is baked and carries the weights of all observations, check points too. `weight` (n, 3) is the lower triangle that
+    whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point, `prior` (k,) the weight of each
+    prior's residual u: 1 as given, 0 without a prior.
+    """
+
+    problem: Problem
+    indices: list[np.ndarray]
+    observations: Observations
+    start: Float[np.ndarray, " k"]
+    follows: Float[np.ndarray, "n 2 3"]
+    weight: Float[np.ndarray, "n 3"]
+    prior: Float[np.ndarray, " k"]
+    before_px: Float[np.ndarray, "n 2"]
+    unseen: Int[np.ndarray, " n"]
+
+    @property
+    def scale(self) -> Float[np.ndarray, " k"]:
+        """What one whitened unit is, in the units of the fields."""
+        return np.asarray(self.problem.scale)
+
+    def values(self, u: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Unknowns in the units of their fields."""
+        return np.asarray(self.problem.mean) + self.scale * u
+
+    def weighted(self, weight: Float[np.ndarray, "n 3"], prior: Float[np.ndarray, " k"] | None = None) -> "LeastSquares":
+        """The same with other weights of the measurements, and of the priors."""
+        prior = self.prior if prior is None else prior
+        problem = eqx.tree_at(lambda p: p.prior, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
+        return dataclasses.replace(self, problem=problem, weight=weight, prior=prior)
+
+    def reweighed(self, observed: Float[np.ndarray, "n 2"], prior: Float[np.ndarray, " k"]) -> "LeastSquares":
+        """The same with factors on the sigmas of the measurements and of the priors."""
+        observations = dataclasses.replace(self.observations, sigma_px=self.observations.sigma_px * observed)
+        weight = whitening(observations.sigma_px, self.follows, observations.point_covariance_m2)
+        return dataclasses.replace(self.weighted(weight, self.prior / prior), observations=observations)
+
+
+class Linearised(NamedTuple):
+    """The observations, linearised at whitened unknowns u: whitened + rows du, and in pixels residual_px + rows_px du."""
+
+    u: Float[np.ndarray, " k"]
+    residual_px: Float[np.ndarray, "n 2"]
+    whitened: Float[np.ndarray, "n 2"]
+    rows: Float[np.ndarray, "n 2 k"]
+    rows_px: Float[np.ndarray, "n 2 k"]
+    unseen: Int[np.ndarray, " n"]
+
+    @property
+    def squared(self) -> Float[np.ndarray, " n"]:
+        """Squared length of each whitened residual."""
+        return (self.whitened**2).sum(axis=1)
+
+    def moved(self, step: Float[np.ndarray, " k"]) -> "Linearised":
+        """The linear model at u + step, with the same derivatives."""
+        return self._replace(
+            u=self.u + step,
+            residual_px=self.residual_px + self.rows_px @ step,
+            whitened=self.whitened + self.rows @ step,
+        )
+
+
+def prepare(
+    sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown], loss: AbstractLoss | None, split: bool = False
+) -> LeastSquares:
+    """Pose, bake and weigh a problem; the sigmas of the points are carried into the image at the start values.
+
+    **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
+    """
+    refuse_extremes(sensor, "calibrate")
+    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
+    baked, linked = _bake(problem, jnp.asarray(start))
+    before, follows, seen = _begin(baked, jnp.asarray(start))
+    n = len(observations)
+    before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
+    follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
+    unseen = np.where(linked != 0, linked, unseen)
+    weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
+    prior = np.asarray(problem.prior)
+    return LeastSquares(weigh(baked, weight, indices), indices, observations, start, follows, weight, prior, before, unseen)
+
+
+def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[Float[np.ndarray, " k"], int, RESULTS]:
+    """Whitened solution of the used observations by Levenberg-Marquardt, its steps and result.
+
+    Under a robust loss it goes on from the least-squares solution, where few points are far off.
+    """
+    problem = weigh(ready.problem, np.where(used[:, None], ready.weight, 0.0), ready.indices)
+    u, steps = jnp.asarray(ready.start), 0
+    if problem.loss is not None:
+        solved = levenberg_marquardt(eqx.tree_at(lambda p: p.loss.bound, problem, jnp.asarray(1e9)), u, max_steps)
+        u, steps = solved.u, int(solved.steps)
+    solved = levenberg_marquardt(problem, u, max_steps)
+    return np.asarray(solved.u), steps + int(solved.steps), solved.result
+
+
+def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
+    """Residuals and derivatives of all observations at whitened unknowns."""
+    n = len(ready.observations)
+    residual, rows, unseen = _evaluate(ready.problem, jnp.asarray(u))
+    residual, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(residual), _stacked(rows), unseen))
+    w00, w10, w11 = ready.weight.T
+    x, y = residual.T
+    x_rows = rows[:, 0] / w00[:, None]
+    y_rows = (rows[:, 1] - w10[:, None] * x_rows) / w11[:, None]
+    whitened = np.stack([w00 * x, w10 * x + w11 * y], axis=-1)
+    return Linearised(np.asarray(u), residual, whitened, rows, np.stack([x_rows, y_rows], axis=1), unseen)
+
+
+def refine(
+    ready: LeastSquares, here: Linearised, share: Float[np.ndarray, " n"], steps: int, near: float = np.inf, frozen: bool = False
+) -> Linearised:
+    """Gauss-Newton steps to the minimum of the observations weighted by `share` and the priors.
+
+    Each step is an orthogonal decomposition of the weighted rows.
+
+    **Arguments:** `steps`: at most so many, and none that is longer than `near` (of a prior sigma or scale); `frozen`: keep the
+    derivatives of `here`, which costs no evaluation of the chain.
+    """
+    for _ in range(steps):
+        step = -np.linalg.lstsq(*weighted_rows(ready, here, share), rcond=None)[0]
+        if not np.abs(step).max() < near:
+            break
+        here = here.moved(step) if frozen else linearise(ready, here.u + step)
+        if np.abs(step).max() < _ROUNDING:
+            break
+    return here
+
+
+def weighted_rows(ready: LeastSquares, here: Linearised, share: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (rows, k) and residuals (rows,) of the observations that have a share, and of the priors."""
+    kept, has_prior = share > 0, ready.prior > 0
+    root = np.sqrt(share[kept])[:, None]
+    rows = (root[:, :, None] * here.rows[kept]).reshape(-1, len(here.u))
+    right = (root * here.whitened[kept]).ravel()
+    return np.concatenate([rows, np.diag(ready.prior)[has_prior]]), np.concatenate([right, (ready.prior * here.u)[has_prior]])
+
+
+def refuse(codes: Int[np.ndarray, " n"], observations: Observations) -> None:
+    """**Raises:** `SensorError` naming the first observation that the sensor cannot have made, and how many there are."""
+    if codes.any():
+        raise SensorError(impossible(codes, observations))
+
+
+def impossible(codes: Int[np.ndarray, " n"], observations: Observations) -> str:
+    """Names the first observation that the sensor cannot have made, and how many there are; at least one."""
+    i, count = int(np.argmax(codes != 0)), int((codes != 0).sum())
+    more = f" ({count} of {len(codes)} observations fail)" if count > 1 else ""
+    return f"{observations.label(i)}: {message_of(int(codes[i]))}{more}"
+
+
+def whitening(
+    sigma_px: Float[np.ndarray, "n 2"], follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndarray, "n 3 3"] | None
+) -> Float[np.ndarray, "n 3"]:
+    """Lower triangle (w00, w10, w11) of the inverse Cholesky factor of each observation's covariance.
+
+    **Arguments:** `follows`: derivative of the pixel by the ground point, which carries the point's covariance into the image.
+    """
+    extra = np.zeros((len(sigma_px), 2, 2)) if covariance_m2 is None else point_part(follows, covariance_m2)
+    c00, c11 = sigma_px[:, 0] ** 2 + extra[:, 0, 0], sigma_px[:, 1] ** 2 + extra[:, 1, 1]
+    l00 = np.sqrt(c00)
+    l10 = extra[:, 0, 1] / l00
+    l11 = np.sqrt(c11 - l10**2)
+    return np.stack([1 / l00, -l10 / (l00 * l11), 1 / l11], axis=-1)
+
+
+def point_part(follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 2 2"]:
+    """Covariance in the image, in px^2, that comes from the points' coordinates."""
+    return follows @ covariance_m2 @ np.swapaxes(follows, -1, -2)
+
+
+def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:
+    """Residuals (x, y) of a group in pixels, (n,) each, and the codes of observations that cannot have been made (n,)."""
+    sensor = problem.put(u)
+    camera, q = sensor.camera_at(group.shot), into_camera(sensor, group.shot, group.point)
+    x, y = camera.pixel(q)
+    result = first_failure(sensor.check(group.shot), camera.check_direction(q))
+    code = jax.tree.leaves(result)[0] + jnp.zeros(x.shape, dtype=jnp.int32)
+    return (group.pixel[0] - x, group.pixel[1] - y), code
+
+
+def _stacked(groups: list[tuple[Array, ...]]) -> list[np.ndarray]:
+    """Arrays that belong together, stacked on the host: in a compiled function XLA would repeat what they are made of."""
+    return [np.stack(arrays) for arrays in groups]
+
+
+@eqx.filter_jit
+def _bake(problem: Problem, start: Array):
+    """The baked problem, and for each group the failures of its links: a baked pose does not know its time any more."""
+    codes = []
+    for group in problem.groups:
+        linked = jax.tree.leaves(problem.put(start).check(group.shot))[0]
+        codes.append(linked + jnp.zeros(group.point[0].shape, dtype=jnp.int32))
+    return problem.baked(), codes
+
+
+@eqx.filter_jit
+def _begin(problem: Problem, start: Array):
+    """For each group residuals in pixels, the six derivatives by the ground point, and failure codes of the camera.
+
+    Compiled apart from `_bake`, and without stacking the derivatives: XLA would evaluate the links again for each of them.
+    """
+    before, follows, unseen = [], [], []
+    for group in problem.groups:
+        residual, code = pixels(problem, group, start)
+        derivative = joint_derivatives(problem.put(start), group.shot, group.point).derivatives["earth"]
+        before.append(residual)
+        follows.append(tuple(jnp.broadcast_to(c, code.shape) for row in derivative for c in row))
+        unseen.append(code)
+    return before, follows, unseen
+
+
+@eqx.filter_jit
+def _evaluate(problem: Problem, u: Array):
+    """For each group: residuals in pixels (x, y), whitened derivatives (x, y), (unknowns, n) each, and failure codes."""
+    after, rows, unseen = [], [], []
+    for group in problem.groups:
+        residual, code = pixels(problem, group, u)
+        after.append(residual)
+        _, by, order = columns(problem, group, u)
+        place = np.argsort([*order, *(k for k in range(len(u)) if k not in order)])
+        rows.append(tuple(jnp.pad(c, ((0, len(u) - len(order)), (0, 0)))[place] for c in by))
+        unseen.append(code)
+    return after, rows, unseen

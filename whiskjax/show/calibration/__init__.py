@@ -1,0 +1,1 @@
+"""A calibration for people: summary, tables, figures, page."""

@@ -1,1 +1,0 @@
-"""What is shown of target location: one target of a flight, and the study that repeats the paper."""

@@ -1,0 +1,1 @@
+"""A located target for people: summary, tables, figures, page."""
