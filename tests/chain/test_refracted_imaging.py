@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from tests.chain.test_sweep import moved_there
+from tests.chain.test_joints import moved_there
 from tests.derivatives import assert_derivatives
 from whiskjax.algebra.vectors import stack, unstack
 from whiskjax.chain.address import make_room, parse, read

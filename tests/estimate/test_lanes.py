@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
-from whiskjax.estimate import batch as batch_module
+from whiskjax.estimate import many
 from whiskjax.estimate.many import solve_lanes
 from whiskjax.estimate.problem import pose_problem, weigh
 from whiskjax.flights import haian
@@ -66,7 +66,7 @@ def test_the_chunk_does_not_matter(flights, batch):
 
 def test_shares_come_back_in_the_order_of_the_runs(flights, batch, monkeypatch):
     """Seven runs in shares of three: the last is one lane, filled up."""
-    monkeypatch.setattr(batch_module, "_SHARE", 3)
+    monkeypatch.setattr(many, "_SHARE", 3)
     order = [2, 0, 1, 1, 2, 0, 1]
     found = wj.calibrate_batch(((flights[i].sensor, flights[i].observations()) for i in order), flights[0].unknowns, chunk=3)
     np.testing.assert_allclose((found.value - batch.value[order]) / SIGMA, 0, atol=1e-12)
