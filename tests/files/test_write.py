@@ -76,8 +76,9 @@ def test_what_has_no_times_is_refused(frames, tmp_path, case):
 
 
 NOISE = {
-    "each look": (wj.FrameNoise("body", (np.array([1e-3, 2e-3]), 0, 0)), "noise of 'body': a sigma for each look has no form"),
-    "no frame": (wj.FrameNoise("gimbal", (1e-3, 0, 0)), "no frame named 'gimbal'; there are body, mount"),
+    "each look": ([wj.FrameNoise("body", (np.array([1e-3, 2e-3]), 0, 0))], "noise of 'body': a sigma for each look has no form"),
+    "no frame": ([wj.FrameNoise("gimbal", (1e-3, 0, 0))], "no frame named 'gimbal'; there are body, mount"),
+    "one frame twice": ([wj.FrameNoise("body", (1e-3, 0, 0))] * 2, "noise of 'body' is there twice"),
 }
 
 
@@ -85,7 +86,7 @@ NOISE = {
 def test_noise_that_has_no_form_is_refused(frames, tmp_path, case):
     noise, message = NOISE[case]
     with pytest.raises(wj.FlightError, match=message):
-        wj.write_flight(dataclasses.replace(frames, noise=[noise]), tmp_path / "flight")
+        wj.write_flight(dataclasses.replace(frames, noise=noise), tmp_path / "flight")
 
 
 def test_nothing_is_left_of_a_failure(frames, tmp_path, monkeypatch):

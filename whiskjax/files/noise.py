@@ -42,9 +42,12 @@ _NONE = [0.0, 0.0, 0.0]
 def noise_to_toml(flight: Flight) -> list[dict[str, Any]]:
     """The entries of [[noise]]; sigmas that are zero about or along all axes are left out.
 
-    **Raises:** `FlightError` where a frame does not exist, or a sigma differs from look to look.
+    **Raises:** `FlightError` where a frame does not exist, has two noises, or a sigma differs from look to look.
     """
     out = []
+    frames = [noise.frame for noise in flight.noise]
+    if twice := next((frame for frame in frames if frames.count(frame) > 1), None):
+        raise FlightError(f"noise of {twice!r} is there twice; one entry holds all errors of a frame: add variances")
     for noise in flight.noise:
         if noise.frame not in flight.sensor.names:
             raise FlightError(f"noise: no frame named {noise.frame!r}; there are {listed(flight.sensor.names)}")
