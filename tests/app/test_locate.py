@@ -234,7 +234,7 @@ def test_unknowns_of_the_flight(whiskjax, copied, tmp_path):
     (row,) = found["parameters"]
     assert (row["role"], row["unit"], row["prior_sigma"]) == ("estimated", "deg", pytest.approx(0.05))
     assert row["value"] == pytest.approx(np.degrees(float(expected.value[0])), rel=1e-9)
-    assert row["sigma"] == pytest.approx(np.degrees(np.sqrt(float(expected.value_covariance[0, 0]))), rel=1e-9)
+    assert row["sigma"] == pytest.approx(np.degrees(np.sqrt(float(expected.estimate.covariance[0, 0]))), rel=1e-9)
     for words, parts in (
         (["--estimate", "all"], ["gimbal pitch has no prior sigma"]),
         (["--consider", "gimbal rol"], ["--consider: no unknown 'gimbal rol'", "did you mean 'gimbal roll'?"]),

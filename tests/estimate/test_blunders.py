@@ -152,7 +152,7 @@ def textbook_descent(it, u, bound):
     left = 20
     while True:
         root = (c / (c + squared(u)))[:, None]
-        rows = np.concatenate([(root[:, :, None] * kept[1]).reshape(-1, it.k), np.diag(it.ready.prior)])
+        rows = np.concatenate([(root[:, :, None] * kept[1]).reshape(-1, it.k), it.ready.prior])
         right = np.concatenate([(root * kept[0]).ravel(), np.zeros(it.k)])
         last, u = u, np.linalg.lstsq(rows, -right, rcond=None)[0]
         left -= c <= bound
@@ -174,7 +174,7 @@ def test_descents_side_by_side_are_those_of_one_after_the_other(has_prior):
     share = rng.random((2, len(linear.residual)))
     for u, part in zip(linear.settled(starts[:1], share), share, strict=True):
         root = np.sqrt(part)[:, None]
-        rows = np.concatenate([(root[:, :, None] * linear.rows).reshape(-1, it.k), np.diag(it.ready.prior)])
+        rows = np.concatenate([(root[:, :, None] * linear.rows).reshape(-1, it.k), it.ready.prior])
         right = np.concatenate([(root * linear.residual).ravel(), np.zeros(it.k)])
         np.testing.assert_allclose(u, np.linalg.lstsq(rows, -right, rcond=None)[0], rtol=0, atol=1e-9)
 

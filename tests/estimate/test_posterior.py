@@ -16,7 +16,7 @@ from whiskjax.estimate.unknown import Unknown
 def test_covariance_of_random_problems(seed, k):
     rng = np.random.default_rng(seed)
     jac, scale, has_prior = rng.normal(size=(3 * k + 2, k)), np.exp(rng.normal(size=k)), rng.random(k) < 0.5
-    found = posterior(jac, scale, has_prior.astype(float), [f"x{i}" for i in range(k)])
+    found = posterior(jac, scale, np.diag(has_prior.astype(float)), [f"x{i}" for i in range(k)])
     raw = jac / scale
     expected = np.linalg.inv(raw.T @ raw + np.diag(has_prior / scale**2))
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-8, atol=1e-12)
@@ -32,7 +32,7 @@ def test_null_space_is_named_and_scale_free():
     a, b = rng.normal(size=(2, 30))
     scale = np.array([1.0, 1e3, 1e-3, 1.0])
     jac = np.stack([a, b, a, 0 * a], -1) * 1.0
-    found = posterior(jac, scale, np.zeros(4), ["x0", "x1", "x2", "x3"])
+    found = posterior(jac, scale, np.zeros((4, 4)), ["x0", "x1", "x2", "x3"])
     assert found.rank == 2
     assert {frozenset(d) for d in found.null_space} <= {frozenset({"x0", "x2"}), frozenset({"x2", "x0"}), frozenset({"x3"})} | {
         frozenset({"x0"})
@@ -57,12 +57,12 @@ def test_warnings_name_both_thresholds():
     rng = np.random.default_rng(1)
     z = rng.normal(size=(200, 3))
     jac = 30 * np.stack([z[:, 0], z[:, 0] + 0.4 * z[:, 1], z[:, 2]], -1)
-    found = posterior(jac, np.ones(3), np.ones(3), "abc")
+    found = posterior(jac, np.ones(3), np.eye(3), "abc")
     rho = found.correlation[0, 1]
     assert -0.95 < rho < -0.9
     assert any("a and b are strongly correlated" in w for w in warnings_of(unknowns, found, 1.0, 0.5, np.zeros(3)))
     jac[:, 1] = 30 * (z[:, 0] + 0.1 * z[:, 1])
-    closer = posterior(jac, np.ones(3), np.ones(3), "abc")
+    closer = posterior(jac, np.ones(3), np.eye(3), "abc")
     said = warnings_of(unknowns, closer, 1.0, 0.5, np.array([0.0, 0.0, 4.0]))
     assert any("a and b cannot be told apart" in w for w in said)
     assert any("c ended 4.0 prior sigmas" in w for w in said)

@@ -99,7 +99,7 @@ class MadeUp:
         residual_px = self.measured_px + self.rows_px @ u
         unseen = np.zeros(n, dtype=np.int32)
         self.ready = LeastSquares(
-            problem, [], self.observations, u, follows, weight, self.has_prior.astype(float), self.measured_px, unseen
+            problem, [], self.observations, u, follows, weight, np.diag(self.has_prior.astype(float)), self.measured_px, unseen
         )
         self.here = Linearised(
             u,

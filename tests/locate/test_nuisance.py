@@ -78,12 +78,12 @@ def test_an_estimated_bias_is_that_of_the_augmented_filter(biased, estimated):
     assert_states(estimated, plain.state, plain.covariance, biased.run.anchor_m)
     sigma = np.sqrt(np.diag(plain.covariance[-1]))[3:]
     np.testing.assert_allclose(np.asarray(estimated.value) / sigma, plain.state[-1, 3:] / sigma, rtol=0, atol=1e-6)
-    assert_in_sigmas(estimated.value_covariance, plain.covariance[-1, 3:, 3:], plain.covariance[-1, 3:, 3:], 1e-6)
-    assert estimated.names == tuple(x.name for x in biased.unknowns)
+    assert_in_sigmas(estimated.estimate.covariance, plain.covariance[-1, 3:, 3:], plain.covariance[-1, 3:, 3:], 1e-6)
+    assert estimated.estimate.names == tuple(x.name for x in biased.unknowns)
 
 
 def test_an_estimated_bias_is_found(biased, estimated):
-    sigma = np.sqrt(np.diag(estimated.value_covariance))
+    sigma = np.sqrt(np.diag(estimated.estimate.covariance))
     assert (np.abs(np.asarray(estimated.value) - TRUE_BIAS) < 4 * sigma).all()
     assert (sigma / SIGMA).min() < 0.5
     error = np.asarray(estimated.world_from_enu).T @ (np.asarray(estimated.point_m) - biased.run.target_m)
@@ -105,7 +105,7 @@ def test_a_considered_bias_is_that_of_the_filter_with_rows_of_zero_gain(biased, 
     np.testing.assert_allclose(considered.looks.nis, plain.nis, rtol=1e-5)
     # What is considered keeps its prior.
     np.testing.assert_allclose(considered.value, 0, atol=1e-15)
-    assert_in_sigmas(considered.value_covariance, np.diag(SIGMA**2), np.diag(SIGMA**2), 1e-9)
+    assert_in_sigmas(considered.estimate.covariance, np.diag(SIGMA**2), np.diag(SIGMA**2), 1e-9)
 
 
 def test_considering_lies_between_ignoring_and_estimating(biased, estimated, considered):
@@ -140,7 +140,7 @@ def test_a_batch_estimates_and_considers_as_dense_matrices_do(biased):
     sigma = np.sqrt([covariance[3, 3], *np.diag(prior)[4:]])
     np.testing.assert_allclose(np.asarray(found.value) / sigma, dense.state[3:] / sigma, rtol=0, atol=1e-6)
     own = np.block([[covariance[3:, 3:], -cross[3:]], [-cross[3:].T, prior[4:, 4:]]])
-    assert_in_sigmas(found.value_covariance, own, own, 1e-6)
+    assert_in_sigmas(found.estimate.covariance, own, own, 1e-6)
     assert_in_sigmas(found.looks.innovation_covariance_px2, residual, residual, 1e-6)
     nis = np.einsum("ka,kab,kb->k", dense.residual, np.linalg.inv(residual), dense.residual)
     np.testing.assert_allclose(found.looks.nis, nis, rtol=1e-5, atol=1e-6)
@@ -174,7 +174,7 @@ def test_the_posterior_of_a_calibration_is_a_joint_prior(biased, calibration):
     )
     assert_states(found, plain.state, plain.covariance, biased.run.anchor_m)
     np.testing.assert_allclose(found.value, calibration.value, rtol=1e-12)
-    assert_in_sigmas(found.value_covariance, covariance, covariance, 1e-9)
+    assert_in_sigmas(found.estimate.covariance, covariance, covariance, 1e-9)
     # Uncorrelated it would be another answer.
     other = kalman(
         biased.image,
@@ -297,7 +297,7 @@ def test_a_delay_is_found_by_a_batch_as_by_scipy(series):
     error = np.append(np.asarray(found.point_m) - run.anchor_m, found.value / sigma) - best.x
     # Positions are linear between samples: scipy's differences across the kinks limit the agreement, not the solution.
     assert np.abs(error / scale).max() < 1e-3
-    np.testing.assert_allclose(found.value_covariance[0, 0], sigma**2 * covariance[3, 3], rtol=1e-3)
+    np.testing.assert_allclose(found.estimate.covariance[0, 0], sigma**2 * covariance[3, 3], rtol=1e-3)
     assert abs(found.value[0] - late) < 4 * sigma * scale[3] and scale[3] < 0.1
     assert found.is_sound
 
@@ -314,7 +314,7 @@ def test_the_density_of_the_air_is_found(series):
     standard = wj.Sensor(dict(zip(true.names, true.links, strict=True)), true.camera, wj.Refraction())
     unknown = wj.Unknown("air", "refraction.scale", 1.0, 0.3)
     found = run.locate(wj.Looks(shot, pixel, (2.0, 2.0)), sensor=standard, estimate=[unknown])
-    sigma = np.sqrt(found.value_covariance[0, 0])
+    sigma = np.sqrt(found.estimate.covariance[0, 0])
     assert sigma < 0.1 and abs(found.value[0] - 1.2) < 4 * sigma
     error = np.asarray(found.world_from_enu).T @ (np.asarray(found.point_m) - run.target_m)
     assert error @ np.linalg.solve(found.covariance_enu_m2, error) < 21.1

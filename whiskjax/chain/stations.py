@@ -13,6 +13,9 @@ from .link import AbstractLink
 from .pose import Pose
 from .shot import Shot
 
+# The fields that hold the motions of the stations.
+MOTIONS = ("turn_rad", "shift_m")
+
 
 class AbstractStations(AbstractLink):
     """A link whose pose follows from small motions (turn, shift) at stations: nodes in time, or images.

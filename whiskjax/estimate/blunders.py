@@ -101,11 +101,11 @@ def sample(control: Bool[np.ndarray, " n"], k: int, draw: np.random.Generator) -
 
 
 class Linear(NamedTuple):
-    """Whitened residuals at u = 0 and their derivatives, and the weight of each prior's residual u."""
+    """Whitened residuals at u = 0 and their derivatives, and the root of the priors."""
 
     residual: Float[np.ndarray, "m 2"]
     rows: Float[np.ndarray, "m 2 k"]
-    prior: Float[np.ndarray, " k"]
+    prior: Float[np.ndarray, "k k"]
 
     def at(self, u: Float[np.ndarray, "starts k"]) -> Float[np.ndarray, "starts m 2"]:
         """Residuals."""
@@ -123,8 +123,9 @@ class Linear(NamedTuple):
         for i in range(0, m, most := max(1, _AT_ONCE // (k * k))):
             part = self.rows[i : i + most]
             normal += share[:, i : i + most] @ (part.swapaxes(1, 2) @ part).reshape(len(part), k * k)
-        normal = normal.reshape(-1, k, k) + np.diag(self.prior**2)
-        slope = (share[:, :, None] * self.at(u)).reshape(len(share), 2 * m) @ self.rows.reshape(2 * m, k) + self.prior**2 * u
+        pull = self.prior.T @ self.prior
+        normal = normal.reshape(-1, k, k) + pull
+        slope = (share[:, :, None] * self.at(u)).reshape(len(share), 2 * m) @ self.rows.reshape(2 * m, k) + u @ pull
         size = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-300))
         values, vectors = np.linalg.eigh(normal / size[:, :, None] / size[:, None, :])
         along = np.einsum("ski,sk->si", vectors, slope / size)

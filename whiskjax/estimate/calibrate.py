@@ -16,12 +16,14 @@ from ..rules.progress import tell
 from ..rules.results import codes_of, is_successful, message_of
 from .blunders import Blunders, data_snooping
 from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
+from .estimate import Estimate
+from .given import Given, Knowledge, given
 from .linearised import LeastSquares, Linearised, impossible, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import Posterior, posterior
 from .reliability import Reliability, log_density, of_common_points, reliability
-from .unknown import Unknown, admit, assign, need_unknowns
+from .unknown import Unknown, admit, assign
 from .variance_components import Components, Reweigh, components, group, weighing
 from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
@@ -81,6 +83,15 @@ class Calibration:
     warnings: tuple[str, ...]
 
     @property
+    def estimate(self) -> Estimate:
+        """The unknowns with their joint covariance: knowledge for the next verb."""
+        trust, fit = self.posterior, self.fit
+        names, places = tuple(x.name for x in self.unknowns), tuple(x.places for x in self.unknowns)
+        cost = np.asarray(fit.variance_factor * fit.degrees_of_freedom)
+        share, freedom = 1 - trust.data_share, fit.degrees_of_freedom
+        return Estimate(self.value, trust.covariance, share, cost, freedom, self.result, names, places)
+
+    @property
     def is_sound(self) -> bool:
         """Converged, every unknown determined (by data or prior), consistent with its own sigmas and with the check points, and
         no sigma stretched beyond reason (verdict.py)."""
@@ -97,9 +108,9 @@ class Calibration:
 def calibrate(
     sensor: Sensor,
     observations: Observations,
-    unknowns: Sequence[Unknown],
+    unknowns: Knowledge,
     *,
-    consider: Sequence[Unknown] = (),
+    consider: Knowledge = (),
     loss: AbstractLoss | None = None,
     blunders: Blunders | None = None,
     reweigh: Reweigh | None = None,
@@ -116,9 +127,10 @@ def calibrate(
 
     - `sensor`: holds the start values.
     - `observations`: control and check points.
-    - `unknowns`: what is to be estimated; all else stays as the sensor has it.
+    - `unknowns`: what is to be estimated; all else stays as the sensor has it. An earlier answer, or its `Estimate`, is the joint
+      prior of its numbers.
     - `consider`: numbers with a prior that are not estimated, but whose uncertainty counts in the covariance: POS biases at a
-      joint, say, that the next flight will not share.
+      joint, say, that the next flight will not share; or an earlier answer.
     - `loss`: `Huber(...)` or `Cauchy(...)`, which lets far observations pull less; None is least squares.
     - `blunders`: `Blunders()` finds gross errors, leaves them out and names them.
     - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too.
@@ -133,8 +145,8 @@ def calibrate(
     need("calibrate", "sensor", sensor, Sensor)
     need("calibrate", "observations", observations, Observations)
     need_flags("calibrate", throw=throw)
-    need_unknowns("calibrate", "unknowns", unknowns)
-    need_unknowns("calibrate", "consider", consider)
+    priors, considered = given("calibrate", "unknowns", unknowns), given("calibrate", "consider", consider)
+    unknowns = priors.unknowns
     for name, value, kind in (("loss", loss, AbstractLoss), ("blunders", blunders, Blunders), ("reweigh", reweigh, Reweigh)):
         if value is not None:
             need("calibrate", name, value, kind)
@@ -145,11 +157,11 @@ def calibrate(
         raise WhiskjaxError(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
-    admit(sensor, [*unknowns, *consider])  # a number is either estimated or considered
+    admit(sensor, [*unknowns, *considered.unknowns])  # a number is either estimated or considered
     tell(
         f"calibrate: {len(unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time compiled)"
     )
-    ready = prepare(sensor, observations, unknowns, loss)
+    ready = prepare(sensor, observations, priors, loss)
     refuse(ready.unseen, observations)
     tell("calibrate: solved (the first time compiled)")
     u, steps, result = solve(ready, control, max_steps)
@@ -168,8 +180,8 @@ def calibrate(
     formal = np.nan_to_num(trust.covariance / np.outer(ready.scale, ready.scale), posinf=0.0)
     solution = assign(sensor, unknowns, ready.values(here.u))
     common = here.rows @ _root(formal)
-    if consider:
-        effect, moved = _considered(solution, ready, here, formal, share, consider)
+    if considered.unknowns:
+        effect, moved = _considered(solution, ready, here, formal, share, considered)
         trust = trust.widened(moved @ moved.T * np.outer(ready.scale, ready.scale))
         common = np.concatenate([common, effect - here.rows @ moved], axis=2)
     fit = _fit(ready, here, used if loss is None else used & (here.squared <= _BLUNDER**2), control, blunders)
@@ -183,7 +195,7 @@ def calibrate(
             raise SensorError(f"calibrate: {lost[0]}")
         first = here.unseen[np.argmax(here.unseen != 0)]
         result = first_failure(result, jax.tree.map(lambda _: first, RESULTS.successful))
-    shift = np.where(ready.prior > 0, ready.prior * here.u, np.nan)
+    shift = np.where(ready.has_prior, here.u, np.nan)
     answer = Calibration(
         sensor=solution,
         unknowns=tuple(unknowns),
@@ -259,7 +271,7 @@ def _fit(
     blunders: Blunders | None,
 ) -> Fit:
     """The global model test over the observations that are no blunders."""
-    pulled = (ready.prior * here.u)[ready.prior > 0]
+    pulled = (ready.prior @ here.u)[ready.has_prior]
     freedom = 2 * int(kept.sum()) + len(pulled) - len(here.u)
     factor, tail, sound = consistency(float(here.squared[kept].sum() + (pulled**2).sum()), freedom)
     most = 0.5 if blunders is None else blunders.most
@@ -291,7 +303,7 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
 
 
 def _considered(
-    sensor: Sensor, ready: LeastSquares, here: Linearised, formal: np.ndarray, share: np.ndarray, consider: Sequence[Unknown]
+    sensor: Sensor, ready: LeastSquares, here: Linearised, formal: np.ndarray, share: np.ndarray, considered: Given
 ) -> tuple[Float[np.ndarray, "n 2 c"], Float[np.ndarray, "k c"]]:
     """What numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
 
@@ -300,11 +312,11 @@ def _considered(
 
     **Arguments:** `sensor`: at the solution; `formal`: covariance C of the whitened unknowns without them.
     """
-    for x in consider:
+    for x in considered.unknowns:
         if x.sigma is None:
             raise WhiskjaxError(f"consider: {x.name} has no prior sigma; its uncertainty is what would be considered")
-    changed = prepare(sensor, ready.observations, consider, None).weighted(ready.weight)
-    effect = linearise(changed, changed.start).rows
+    changed = prepare(sensor, ready.observations, considered, None).weighted(ready.weight)
+    effect = linearise(changed, changed.start).rows @ np.linalg.cholesky(considered.correlation)
     return effect, formal @ np.einsum("n,nik,nij->kj", share, here.rows, effect)
 
 

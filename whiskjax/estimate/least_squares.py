@@ -80,8 +80,9 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
     One product for each image axis: a Jacobian stacked from rows makes XLA compute the chain again for each row.
     """
     m = u.shape[0]
-    pull = problem.prior**2
-    normal = jnp.diag(jnp.append(pull, (pull * u * u).sum())) + _border(pull * u)
+    pull = problem.unknowns.information
+    slope = pull @ u
+    normal = jnp.pad(pull, (0, 1)) + _border(slope, slope @ u)
     for group in (g for g in problem.groups if g.decides):
         residual, by, order = columns(problem, group, u)
         weight = 1.0
@@ -97,9 +98,9 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
     return normal
 
 
-def _border(v: Float[Array, " unknowns"]) -> Float[Array, "unknowns+1 unknowns+1"]:
-    """A symmetric matrix with v in its last row and column, and zeros."""
-    full = jnp.append(v, 0.0)
+def _border(v: Float[Array, " unknowns"], corner: Float[Array, ""]) -> Float[Array, "unknowns+1 unknowns+1"]:
+    """A symmetric matrix of zeros with v and the corner in its last row and column."""
+    full = jnp.append(v, corner)
     last = jnp.arange(full.shape[0]) == v.shape[0]
     return jnp.where(last[:, None], full[None, :], jnp.where(last[None, :], full[:, None], 0.0))
 

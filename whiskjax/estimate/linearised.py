@@ -6,7 +6,6 @@ question compiles nothing.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -23,11 +22,11 @@ from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, first_failure
 from ..rules.results import message_of
 from .columns import columns
+from .given import Knowledge
 from .least_squares import levenberg_marquardt
 from .losses import AbstractLoss
 from .observations import Observations
 from .problem import Group, Problem, by_observation, pose_problem, weigh
-from .unknown import Unknown
 
 _ROUNDING = 1e-11  # of a prior sigma or scale: below it a step is rounding
 
@@ -37,8 +36,8 @@ class LeastSquares:
     """A problem ready to be solved again and again with other weights.
 
     `problem` is baked and carries the weights of all observations, check points too. `weight` (n, 3) is the lower triangle that
-    whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point, `prior` (k,) the weight of each
-    prior's residual u: 1 as given, 0 without a prior.
+    whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point, `prior` (k, k) the root of the
+    priors' information: their whitened residuals are prior @ u, zero rows without a prior.
     """
 
     problem: Problem
@@ -47,23 +46,28 @@ class LeastSquares:
     start: Float[np.ndarray, " k"]
     follows: Float[np.ndarray, "n 2 3"]
     weight: Float[np.ndarray, "n 3"]
-    prior: Float[np.ndarray, " k"]
+    prior: Float[np.ndarray, "k k"]
     before_px: Float[np.ndarray, "n 2"]
     unseen: Int[np.ndarray, " n"]
 
     @property
     def scale(self) -> Float[np.ndarray, " k"]:
         """What one whitened unit is, in the units of the fields."""
-        return np.asarray(self.problem.scale)
+        return np.asarray(self.problem.unknowns.scale)
+
+    @property
+    def has_prior(self) -> Bool[np.ndarray, " k"]:
+        """Which unknowns have a prior."""
+        return (self.prior != 0).any(axis=1)
 
     def values(self, u: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Unknowns in the units of their fields."""
-        return np.asarray(self.problem.mean) + self.scale * u
+        return np.asarray(self.problem.unknowns.mean) + self.scale * u
 
-    def weighted(self, weight: Float[np.ndarray, "n 3"], prior: Float[np.ndarray, " k"] | None = None) -> "LeastSquares":
-        """The same with other weights of the measurements, and of the priors."""
+    def weighted(self, weight: Float[np.ndarray, "n 3"], prior: Float[np.ndarray, "k k"] | None = None) -> "LeastSquares":
+        """The same with other weights of the measurements, and another root of the priors."""
         prior = self.prior if prior is None else prior
-        problem = eqx.tree_at(lambda p: p.prior, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
+        problem = eqx.tree_at(lambda p: p.unknowns.root, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
         return dataclasses.replace(self, problem=problem, weight=weight, prior=prior)
 
     def reweighed(self, observed: Float[np.ndarray, "n 2"], prior: Float[np.ndarray, " k"]) -> "LeastSquares":
@@ -98,7 +102,7 @@ class Linearised(NamedTuple):
 
 
 def prepare(
-    sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown], loss: AbstractLoss | None, split: bool = False
+    sensor: Sensor, observations: Observations, unknowns: Knowledge, loss: AbstractLoss | None, split: bool = False
 ) -> LeastSquares:
     """Pose, bake and weigh a problem; the sigmas of the points are carried into the image at the start values.
 
@@ -113,7 +117,7 @@ def prepare(
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
     unseen = np.where(linked != 0, linked, unseen)
     weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
-    prior = np.asarray(problem.prior)
+    prior = np.asarray(problem.unknowns.root)
     return LeastSquares(weigh(baked, weight, indices), indices, observations, start, follows, weight, prior, before, unseen)
 
 
@@ -166,11 +170,11 @@ def refine(
 
 def weighted_rows(ready: LeastSquares, here: Linearised, share: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (rows, k) and residuals (rows,) of the observations that have a share, and of the priors."""
-    kept, has_prior = share > 0, ready.prior > 0
-    root = np.sqrt(share[kept])[:, None]
-    rows = (root[:, :, None] * here.rows[kept]).reshape(-1, len(here.u))
-    right = (root * here.whitened[kept]).ravel()
-    return np.concatenate([rows, np.diag(ready.prior)[has_prior]]), np.concatenate([right, (ready.prior * here.u)[has_prior]])
+    kept, root = share > 0, ready.prior[ready.has_prior]
+    pull = np.sqrt(share[kept])[:, None]
+    rows = (pull[:, :, None] * here.rows[kept]).reshape(-1, len(here.u))
+    right = (pull * here.whitened[kept]).ravel()
+    return np.concatenate([rows, root]), np.concatenate([right, root @ here.u])
 
 
 def refuse(codes: Int[np.ndarray, " n"], observations: Observations) -> None:

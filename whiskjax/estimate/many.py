@@ -166,12 +166,13 @@ def calibrate_batch(
             count += len(share)
             stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
             # What is one for all lanes also lets XLA see that a condition on it is (columns.py).
-            common = eqx.tree_at(lambda p: p.prior, jax.tree.map(lambda _: None, stacked), ready[0].prior, is_leaf=_is_none)
-            stacked = eqx.tree_at(lambda p: p.prior, stacked, None)
+            nothing, first = jax.tree.map(lambda _: None, stacked), ready[0].problem.unknowns
+            common = eqx.tree_at(_of_priors, nothing, (first.scale, first.root), is_leaf=_is_none)
+            stacked = eqx.tree_at(_of_priors, stacked, (None, None))
             start = np.stack([one.start for one in ready])
             before = np.stack([one.before_px for one in ready])
             unseen = np.stack([one.unseen.max() for one in ready])
-            yield _Share(ready[0], np.asarray(stacked.mean), before, unseen), stacked, start, common
+            yield _Share(ready[0], np.asarray(stacked.unknowns.mean), before, unseen), stacked, start, common
 
     return _gather(shares(), unknowns, steps, chunk)
 
@@ -221,7 +222,7 @@ def calibrate_redrawn(
             own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=_is_none)
             before = ready.before_px + drawn - observations.pixel_px
             nothing_failed = np.zeros(len(drawn), dtype=np.int32)
-            yield _Share(ready, np.asarray(problem.mean)[None], before, nothing_failed), own, ready.start, common
+            yield _Share(ready, np.asarray(problem.unknowns.mean)[None], before, nothing_failed), own, ready.start, common
 
     return _gather(shares(), unknowns, steps, chunk)
 
@@ -240,7 +241,7 @@ def images_of(
     values = Arrays("images_of").take("values", values, f"runs {len(unknowns)}", finite=True)
     ready = prepare(sensor, observations, unknowns, None)
     refuse(ready.unseen, observations)
-    u = (np.asarray(values) - np.asarray(ready.problem.mean)) / ready.scale
+    u = (np.asarray(values) - np.asarray(ready.problem.unknowns.mean)) / ready.scale
     residual, codes = _residuals_of(ready.problem, jnp.asarray(u))
     codes = by_observation_of_runs([np.asarray(codes)[:, None]], ready.indices)[:, :, 0].astype(int)
     for run in np.flatnonzero(codes.any(axis=1))[:1]:
@@ -295,7 +296,7 @@ def _gather(
         value=np.concatenate(value),
         covariance=covariance * np.outer(layout.scale, layout.scale),
         cost=cost,
-        degrees_of_freedom=2 * used + int((layout.prior > 0).sum()) - len(unknowns),
+        degrees_of_freedom=2 * used + int(layout.has_prior.sum()) - len(unknowns),
         residual_before_px=np.concatenate([share.before_px for share, _ in done]),
         residual_after_px=np.concatenate(after),
         result=jax.tree.map(lambda _: np.where(unseen != 0, unseen, codes), RESULTS.successful),
@@ -335,6 +336,10 @@ def _ask_whole(owner: str, steps: int, chunk: int) -> None:
 def _on_host(ready: LeastSquares) -> Problem:
     """The problem with numpy arrays; exact zeros and ones of the chain stay numbers."""
     return jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, ready.problem)
+
+
+def _of_priors(problem: Problem) -> tuple[Any, Any]:
+    return problem.unknowns.scale, problem.unknowns.root
 
 
 def _is_none(x: Any) -> bool:

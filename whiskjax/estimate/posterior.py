@@ -91,7 +91,7 @@ def _named(
 def posterior(
     jacobian: Float[np.ndarray, "rows k"],
     scale: Float[np.ndarray, " k"],
-    prior: Float[np.ndarray, " k"],
+    prior: Float[np.ndarray, "k k"],
     names: Sequence[str],
 ) -> Posterior:
     """Posterior of whitened least squares.
@@ -100,12 +100,13 @@ def posterior(
 
     - `jacobian`: of the whitened observation residuals by the whitened unknowns, priors left out.
     - `scale`: what one whitened unit is, in the unknown's own unit.
-    - `prior`: scale over prior sigma, 0 without a prior.
+    - `prior`: root of the priors' information, whitened: their residuals are prior @ u; zero rows without a prior.
     - `names`: of the unknowns.
     """
     k = len(scale)
     rank, null, condition = _null_space(jacobian)
-    full = np.concatenate([jacobian, np.diag(prior)[prior > 0]])
+    has_prior = (prior != 0).any(axis=1)
+    full = np.concatenate([jacobian, prior[has_prior]])
     total_rank, total_null, _ = _null_space(full)
     if total_rank < k:
         # Unknowns with a part in the null space of everything have no variance; the others keep theirs (pseudo-inverse).
@@ -120,7 +121,7 @@ def posterior(
     covariance = whitened * np.outer(scale, scale)
     with np.errstate(invalid="ignore"):
         correlation = whitened / np.outer(sigma_u, sigma_u)
-        share = np.where(prior > 0, 1 - (prior * sigma_u) ** 2, np.nan)
+        share = np.where(has_prior, 1 - sigma_u**2, np.nan)
     untouched = (jacobian == 0).all(axis=0)
     directions = tuple(_named(v, v / _length(jacobian), scale, names) for v in null)
     named = tuple(name for name, unseen in zip(names, untouched, strict=True) if unseen)

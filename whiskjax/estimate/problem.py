@@ -1,7 +1,6 @@
 """A calibration as numbers: groups of observations that image through the same options, and whitened residuals.
 
-Unknowns are whitened, value = mean + scale * u, so that the identity damping of Levenberg-Marquardt fits all of them and a prior
-is the residual u itself.
+Unknowns are whitened, value = mean + scale * u, so that the identity damping of Levenberg-Marquardt fits all of them.
 """
 
 from collections.abc import Sequence
@@ -13,19 +12,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, mul
-from ..chain.address import Address, put
 from ..chain.bake import bake
-from ..chain.by import By
 from ..chain.imaging import image
+from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..rules import WhiskjaxError
 from ..rules.sizes import rounded
+from .given import Knowledge, given, posed
 from .losses import AbstractLoss
 from .observations import Observations
-from .unknown import Unknown, admit, start_of, whitened
-
-Places = tuple[tuple[Address, ...], ...]
 
 
 class Group(eqx.Module):
@@ -48,46 +44,24 @@ class Group(eqx.Module):
 
 
 class Problem(eqx.Module):
-    """Everything that a solver needs, as a pytree; the places of the unknowns are static."""
+    """Everything that a solver needs, as a pytree."""
 
     sensor: Sensor
     groups: tuple[Group, ...]
-    mean: Float[Array, " unknowns"]
-    scale: Float[Array, " unknowns"]
-    prior: Float[Array, " unknowns"]  # scale over prior sigma, 0 without a prior
+    unknowns: Parameters
     loss: AbstractLoss | None
-    places: Places = eqx.field(static=True)
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Links that some unknown changes."""
-        return tuple(dict.fromkeys(p.link for places in self.places for p in places))
 
     def baked(self) -> "Problem":
         """The same problem with every other link already evaluated; one sensor serves all groups."""
         sensor, groups = self.sensor, []
         for group in self.groups:
-            sensor, shot = bake(self.sensor, group.shot, self.free)
+            sensor, shot = bake(self.sensor, group.shot, self.unknowns.links)
             groups.append(eqx.tree_at(lambda g: g.shot, group, shot))
         return eqx.tree_at(lambda p: (p.sensor, p.groups), self, (sensor, tuple(groups)))
 
     def put(self, u: Float[Array, " unknowns"]) -> Sensor:
         """The sensor with whitened unknowns put in."""
-        value = self.mean + self.scale * u
-        pairs = [(place, value[k]) for k, places in enumerate(self.places) for place in places]
-        return put(self.sensor, [p for p, _ in pairs], [v for _, v in pairs])
-
-    def acting(self, group: Group) -> tuple[int, ...]:
-        """The unknowns that act on a group: not those of a swing, view or image that the group does not have."""
-        return tuple(k for k, places in enumerate(self.places) if any(_acts(self.sensor, p, group.shot) for p in places))
-
-
-def _acts(sensor: Sensor, place: Address, shot: Shot) -> bool:
-    node = sensor[place.link]
-    if isinstance(node, By):
-        key = getattr(shot, node.key)
-        return not isinstance(key, int) or node.names[key] == place.path[0]
-    return True
+        return self.unknowns.put(self.sensor, u)
 
 
 def residual(group: Group, sensor: Sensor) -> Vec2:
@@ -104,7 +78,7 @@ def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2
     if problem.loss is not None:
         factors = [problem.loss.factor(x * x + y * y) for x, y in observed]
         observed = [(f * x, f * y) for f, (x, y) in zip(factors, observed, strict=True)]
-    return observed, problem.prior * u
+    return observed, problem.unknowns.root @ u
 
 
 def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
@@ -139,7 +113,7 @@ def _columns(a: np.ndarray) -> tuple[Array, ...]:
 def pose_problem(
     sensor: Sensor,
     observations: Observations,
-    unknowns: Sequence[Unknown],
+    unknowns: Knowledge,
     loss: AbstractLoss | None = None,
     split: bool = True,
 ) -> tuple[Problem, Float[np.ndarray, " unknowns"], list[np.ndarray]]:
@@ -152,22 +126,10 @@ def pose_problem(
 
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
-    sensor = admit(sensor, unknowns)
+    sensor, parameters, u = posed(sensor, given("calibrate", "unknowns", unknowns))
     sensor.refuse_aligned("calibrate")
     groups, indices = _groups(sensor, observations, split)
-    start = np.array([start_of(sensor, x) for x in unknowns])
-    mean, scale, u = whitened(unknowns, start)
-    prior = np.array([float(x.sigma is not None) for x in unknowns])
-    problem = Problem(
-        sensor,
-        groups,
-        jnp.asarray(mean),
-        jnp.asarray(scale),
-        jnp.asarray(prior),
-        loss,
-        tuple(x.places for x in unknowns),
-    )
-    return problem, u, indices
+    return Problem(sensor, groups, parameters, loss), u, indices
 
 
 def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.ndarray]) -> Problem:

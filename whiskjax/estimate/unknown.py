@@ -1,17 +1,17 @@
 """What is to be estimated: one number, where it lives, and what is known of it beforehand."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..chain.address import Address, is_in_degrees, make_room, parse, put, read
+from ..chain.address import Address, is_in_degrees, make_room, parse, put
 from ..chain.sensor import Sensor
-from ..rules import Arrays, Numbers, WhiskjaxError, need
+from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.spread import LEAST_SCALE, MOST_SCALE, refuse_sigmas
 
 
@@ -29,11 +29,15 @@ _UNITS = {
     "_px": Unit("px", 1.0),
 }
 _NO_UNIT = Unit("1", 1.0)
-_FARTHEST = 1e12  # prior sigmas from the prior mean
 
 
-@dataclasses.dataclass(frozen=True)
-class Unknown:
+def unit_of(place: Address) -> Unit:
+    """The unit for people of the number at a place, from the suffix of the field."""
+    field = place.path[-1]
+    return next((unit for suffix, unit in _UNITS.items() if field.endswith(suffix)), _NO_UNIT)
+
+
+class Unknown(eqx.Module):
     """One number to be estimated.
 
     **Arguments:**
@@ -46,14 +50,15 @@ class Unknown:
       Both or neither.
     - `scale`: without a prior, the size of a typical change; it whitens the unknown and does not pull on it.
 
-    The iteration starts from the value that the sensor holds. The unit follows from the field's suffix.
+    The iteration starts from the value that the sensor holds. The unit follows from the field's suffix. Mean, sigma and scale may
+    be traced: answers can be differentiated by what was known beforehand.
     """
 
-    name: str
-    where: str | tuple[str, ...]
-    mean: float | None = None
-    sigma: float | None = None
-    scale: float | None = None
+    name: str = eqx.field(static=True)
+    where: str | tuple[str, ...] = eqx.field(static=True)
+    mean: Any = None
+    sigma: Any = None
+    scale: Any = None
 
     def __post_init__(self):
         need("Unknown", "name", self.name, str)
@@ -65,25 +70,30 @@ class Unknown:
         arrays = Arrays(f"Unknown {self.name}")
         for field in ("mean", "sigma", "scale"):
             value = arrays.take(field, getattr(self, field), "", optional=True)
-            object.__setattr__(self, field, None if value is None else float(value))
+            setattr(self, field, value if value is None or is_traced(value) else float(value))
         self._to_radians()
         if (self.mean is None) != (self.sigma is None):
             raise WhiskjaxError(f"unknown {self.name}: a prior has both a mean and a sigma; without a prior give a scale")
         if (self.sigma is None) == (self.scale is None):
             raise WhiskjaxError(f"unknown {self.name}: give either a prior (mean and sigma) or a scale")
-        size = self.sigma if self.sigma is not None else self.scale
-        if not (size is not None and math.isfinite(size) and size > 0):
-            raise WhiskjaxError(f"unknown {self.name}: sigma or scale must be a positive number, not {size}")
+        if not is_traced(self.size) and not (math.isfinite(self.size) and self.size > 0):
+            raise WhiskjaxError(f"unknown {self.name}: sigma or scale must be a positive number, not {self.size}")
+        if not is_traced(self.mean):
+            self._check_mean(arrays)
+        if not is_traced(self.size):
+            what = "scale" if self.sigma is None else "prior sigma"
+            label = f"unknown {self.name}: its {what}"
+            refuse_sigmas(np.array([self.size]), lambda _: label, least=LEAST_SCALE, most=MOST_SCALE)
+
+    def _check_mean(self, arrays: Arrays) -> None:
         if self.mean is not None and not math.isfinite(self.mean):
             raise WhiskjaxError(f"unknown {self.name}: the prior mean is {self.mean}")
         if self.places[0].path[-1] == "focal_px":
             arrays.take("mean", self.mean, "", optional=True, above=0.0)
         if self.places[0].path[-1].endswith("_rad"):
             arrays.take("mean", self.mean, "", optional=True, within_rad=2 * math.pi)
-        what = "scale" if self.sigma is None else "prior sigma"
         if self.mean is not None and not abs(self.mean) <= MOST_SCALE:
             raise WhiskjaxError(f"unknown {self.name}: a prior mean of {self.mean:g} is no number to reckon with")
-        refuse_sigmas(np.array([size]), lambda _: f"unknown {self.name}: its {what}", least=LEAST_SCALE, most=MOST_SCALE)
 
     def _to_radians(self) -> None:
         """From degrees, where the place is written in them."""
@@ -93,13 +103,11 @@ class Unknown:
             raise WhiskjaxError(
                 f"unknown {self.name}: {', '.join(where)} share one number: write all in degrees, or all in radians"
             )
-        if not written.pop():
-            return
-        inner = tuple(place.inner for place in self.places)
-        object.__setattr__(self, "where", inner[0] if isinstance(self.where, str) else inner)
-        for field in ("mean", "sigma", "scale"):
+        in_degrees, inner = written.pop(), tuple(place.inner for place in self.places)
+        self.where = inner[0] if isinstance(self.where, str) else inner
+        for field in ("mean", "sigma", "scale") if in_degrees else ():
             if (value := getattr(self, field)) is not None:
-                object.__setattr__(self, field, math.radians(value))
+                setattr(self, field, value * (math.pi / 180) if is_traced(value) else math.radians(value))
 
     @property
     def places(self) -> tuple[Address, ...]:
@@ -109,15 +117,12 @@ class Unknown:
     @property
     def unit(self) -> Unit:
         """The unit for people, from the suffix of the field."""
-        field = self.places[0].path[-1]
-        return next((unit for suffix, unit in _UNITS.items() if field.endswith(suffix)), _NO_UNIT)
+        return unit_of(self.places[0])
 
     @property
-    def size(self) -> float:
+    def size(self) -> Any:
         """What whitens it: the prior sigma, or the scale."""
-        size = self.sigma if self.sigma is not None else self.scale
-        assert size is not None  # __post_init__ asked for one of the two
-        return size
+        return self.sigma if self.sigma is not None else self.scale
 
 
 def need_unknowns(owner: str, name: str, unknowns: Sequence[Unknown]) -> None:
@@ -160,28 +165,3 @@ def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[Numbers, "
     value = jnp.asarray(Arrays("assign").take("values", values, str(len(unknowns)), meaning="one number for each unknown"))
     pairs = [(place, value[k]) for k, unknown in enumerate(unknowns) for place in unknown.places]
     return put(admit(sensor, unknowns), [place for place, _ in pairs], [v for _, v in pairs])
-
-
-def whitened(
-    unknowns: Sequence[Unknown], start: Float[np.ndarray, " k"]
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Mean and scale of each unknown, and the start value in scales from the mean: value = mean + scale * u.
-
-    **Raises:** `WhiskjaxError` naming the first that starts so far from its prior mean that float64 holds no difference.
-    """
-    mean = np.array([s if x.mean is None else x.mean for x, s in zip(unknowns, start, strict=True)])
-    scale = np.array([x.size for x in unknowns])
-    u = (start - mean) / scale
-    far = ~(np.abs(u) <= _FARTHEST)
-    if far.any():
-        i = int(np.argmax(far))
-        raise WhiskjaxError(
-            f"unknown {unknowns[i].name}: the sensor starts at {start[i]:g}, {abs(u[i]):.3g} prior sigmas from its prior mean "
-            f"{mean[i]:g}: no measurement can tell them apart; look at mean, sigma and their unit"
-        )
-    return mean, scale, u
-
-
-def start_of(sensor: Sensor, unknown: Unknown) -> float:
-    """The value that the sensor holds, in the field's unit."""
-    return float(read(sensor, unknown.places[0]))

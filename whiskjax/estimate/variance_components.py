@@ -141,7 +141,7 @@ class _Data(NamedTuple):
     observed: Int[Array, "n 2"]
     used: Float[Array, " n"]
     prior: Int[Array, " k"]
-    has_prior: Float[Array, " k"]
+    root: Float[Array, "k k"]
     spread: Float[Array, ""]
 
 
@@ -154,14 +154,14 @@ def _minus_log_likelihood(theta: Float[Array, " groups"], data: _Data) -> Float[
     w = data.used / determinant
     inverse = jnp.stack([jnp.stack([w * c11, -w * c01], -1), jnp.stack([-w * c01, w * c00], -1)], -2)
     weighted = jnp.einsum("nij,njk->nik", inverse, data.rows)
-    precision = data.has_prior / factor[data.prior] ** 2
-    normal = jnp.einsum("nik,nil->kl", data.rows, weighted) + jnp.diag(precision)
+    root = data.root / factor[data.prior][None, :]
+    normal = jnp.einsum("nik,nil->kl", data.rows, weighted) + root.T @ root
     right = jnp.einsum("nik,ni->k", weighted, data.residual)
-    root = jnp.linalg.cholesky(normal)
-    half = jax.scipy.linalg.solve_triangular(root, right, lower=True)
+    lower = jnp.linalg.cholesky(normal)
+    half = jax.scipy.linalg.solve_triangular(lower, right, lower=True)
     cost = jnp.einsum("ni,nij,nj->", data.residual, inverse, data.residual) - half @ half
-    volume = jnp.sum(data.used * jnp.log(determinant)) + 2 * jnp.sum(jnp.log(jnp.diag(root)))
-    volume = volume - jnp.sum(data.has_prior * jnp.log(jnp.where(precision > 0, precision, 1.0)))
+    volume = jnp.sum(data.used * jnp.log(determinant)) + 2 * jnp.sum(jnp.log(jnp.diag(lower)))
+    volume = volume + 2 * jnp.sum(jnp.where((data.root != 0).any(axis=1), jnp.log(factor[data.prior]), 0.0))
     return 0.5 * (cost + volume) + 0.5 * jnp.sum((theta / jnp.log(data.spread)) ** 2)
 
 
@@ -192,7 +192,7 @@ def components(
         observed=jnp.asarray(grouping.observed),
         used=jnp.asarray(used.astype(float)),
         prior=jnp.asarray(grouping.prior),
-        has_prior=jnp.asarray((ready.prior > 0).astype(float)),
+        root=jnp.asarray(ready.prior),
         spread=jnp.asarray(float(spread)),
     )
     theta, curvature = _newton(data, len(grouping.names), steps)

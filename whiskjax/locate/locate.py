@@ -15,8 +15,8 @@ from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
-from ..estimate.calibrate import Calibration
-from ..estimate.unknown import Unknown, need_unknowns
+from ..estimate.estimate import Estimate
+from ..estimate.given import Knowledge
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
@@ -47,8 +47,8 @@ def locate(
     sigma_enu_m: Float[Numbers, "3"] | None = None,
     noise: Sequence[FrameNoise] = (),
     method: str = "iterated",
-    estimate: Sequence[Unknown] = (),
-    consider: Sequence[Unknown] | Calibration = (),
+    estimate: Knowledge = (),
+    consider: Knowledge = (),
     motion: ConstantVelocity | None = None,
     gate: float | None = None,
     throw: bool = True,
@@ -66,8 +66,8 @@ def locate(
     - `method`: "extended" (Liu et al. 2019, equations 13 to 18), "iterated" (each look linearised again at its own result), or
       "batch" (Gauss-Newton over all looks).
     - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
-    - `consider`: numbers that are not estimated but whose uncertainty counts (Schmidt 1966): unknowns with priors, or a
-      calibration, whose posterior is handed on.
+    - `consider`: numbers that are not estimated but whose uncertainty counts (Schmidt 1966): unknowns with priors, or an earlier
+      answer, whose posterior is handed on.
     - `motion`: for a target that moves; the result is its place at the last look.
     - `gate`: the share of good looks that may be lost, as 1e-3: a look whose NIS is exceeded by chance less often is left out and
       listed; None takes all.
@@ -97,9 +97,6 @@ def locate(
             raise WhiskjaxError(
                 f"locate: noise[{i}] is of {frame.frame!r} as one before it; one entry holds all errors of a frame: add variances"
             )
-    need_unknowns("locate", "estimate", estimate)
-    if not isinstance(consider, Calibration):
-        need_unknowns("locate", "consider", consider)
     arrays = Arrays("locate")
     fit_sensor(arrays, sensor, looks.shot)
     arrays.fit("looks.pixel_px", looks.pixel_px.shape, "... 2")
@@ -174,23 +171,29 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
     answered = is_successful(result)
     enu = as_matrix(problem.surface.level(unstack(ended)))
     level = enu.T[None] @ looks.covariance_enu_m2 @ enu[None]
-    scale = model.nuisance.scale
+    numbers = model.nuisance.numbers
     return Location(
         point_m=jnp.where(answered, ended, jnp.nan),
         covariance_enu_m2=jnp.where(answered, enu.T @ covariance[:3, :3] @ enu, jnp.nan),
         world_from_enu=enu,
         velocity_enu_mps=enu.T @ state[3:6] if kinematic == 6 else None,
         velocity_covariance_enu=enu.T @ covariance[3:6, 3:6] @ enu if kinematic == 6 else None,
-        value=model.nuisance.mean + scale * state[kinematic:],
-        value_covariance=covariance[kinematic:, kinematic:] * jnp.outer(scale, scale),
+        estimate=Estimate(
+            value=numbers.value(state[kinematic:]),
+            covariance=covariance[kinematic:, kinematic:] * jnp.outer(numbers.scale, numbers.scale),
+            prior_share=jnp.diagonal(covariance)[kinematic:],
+            cost=chi_square,
+            freedom=2 * looks.is_used.sum(),
+            result=result,
+            names=numbers.names,
+            places=numbers.places,
+        ),
         looks=eqx.tree_at(lambda b: b.covariance_enu_m2, looks, level),
         convergence_rad=convergence(away / distance[:, None], looks.is_used),
         line_m=ended,
         line_direction=direction,
         line_sigma_m=line_sigma,
-        chi_square=chi_square,
         result=result,
-        names=model.nuisance.names,
         considers=0 in model.nuisance.share,
     )
 

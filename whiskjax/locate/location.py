@@ -10,6 +10,7 @@ from ..chain.detector import said_beside
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.diagnosis import UNLIKELY, chi_square_tail
+from ..estimate.estimate import Estimate
 from ..rules import RESULTS, Numbers
 from ..rules.results import codes_of, is_successful, message_of
 
@@ -62,12 +63,12 @@ class Location(eqx.Module):
     - `covariance_enu_m2`: in east, north, up at the target, (3, 3); what is considered is in it.
     - `world_from_enu`: (3, 3), the columns are those axes.
     - `velocity_enu_mps`, `velocity_covariance_enu`: of a moving target; None where it stands.
-    - `value`, `value_covariance`: of the unknowns in `names`, in the units of their fields; those considered keep their prior.
+    - `estimate`: of the numbers of the sensor, those to be estimated first; those considered keep their prior. Its `cost`,
+      `chi_square` here, has `freedom` degrees where noise and model are right: the sum of the NIS, of a batch the cost.
     - `looks`: what happened at every look.
     - `convergence_rad`: the largest angle at the target between two lines of sight that were used.
     - `line_m`, `line_direction`: where the estimate ended, and the direction (unit vector of the world frame) of which the looks
       alone know least, with `line_sigma_m` as 1-sigma: the line on which the target lies where its distance is not observable.
-    - `chi_square`: of `freedom` degrees where noise and model are right: the sum of the NIS, of a batch the cost.
     """
 
     point_m: Float[Array, "3"]
@@ -75,17 +76,24 @@ class Location(eqx.Module):
     world_from_enu: Float[Array, "3 3"]
     velocity_enu_mps: Float[Array, "3"] | None
     velocity_covariance_enu: Float[Array, "3 3"] | None
-    value: Float[Array, " k"]
-    value_covariance: Float[Array, "k k"]
+    estimate: Estimate
     looks: LookByLook
     convergence_rad: Float[Array, ""]
     line_m: Float[Array, "3"]
     line_direction: Float[Array, "3"]
     line_sigma_m: Float[Array, ""]
-    chi_square: Float[Array, ""]
     result: RESULTS
-    names: tuple[str, ...] = eqx.field(static=True)
     considers: bool = eqx.field(static=True)
+
+    @property
+    def chi_square(self) -> Float[Array, ""]:
+        """The squares of innovations, of a batch of residuals, over their covariance."""
+        return self.estimate.cost
+
+    @property
+    def value(self) -> Float[Array, " k"]:
+        """Of the numbers of the sensor, in the units of their fields."""
+        return self.estimate.value
 
     @property
     def geodetic(self) -> tuple[float, float, float]:

@@ -67,7 +67,7 @@ class Model(eqx.Module):
         sensor = self.nuisance.put(self.sensor, u)
         point = vadd(self.anchor_m, state[:3])
         swept = joint_derivatives(sensor, self.shots, point)
-        x, y = zip(*self.nuisance.rows(sensor, self.shots, point, swept, u), strict=True) if u else ((), ())
+        x, y = zip(*self.nuisance.rows(sensor, self.shots, point, swept), strict=True) if u else ((), ())
         seen = is_successful(sensor.camera_at(self.shots).check_direction(swept.points[sensor.names[-1]]))
         missed = jnp.isnan(self.pixel_px[0]) | jnp.isnan(self.pixel_px[1])
         counts = seen & ~missed

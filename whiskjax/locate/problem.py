@@ -39,7 +39,7 @@ class Problem(eqx.Module):
         """
         anchor = unstack(self.guess.point_m)
         level = self.surface.level(anchor)
-        sensor, shots = ready(self.sensor, self.looks.shot, self.nuisance.links)
+        sensor, shots = ready(self.sensor, self.looks.shot, self.nuisance.numbers.links)
         to_world = as_matrix(level)
         blocks = [to_world @ self.guess.covariance_enu_m2 @ to_world.T]
         step = since = density = None

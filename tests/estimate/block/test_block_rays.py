@@ -10,7 +10,7 @@ import pytest
 import whiskjax as wj
 from tests.estimate.block.conftest import SCENE
 from whiskjax.estimate.block.rays import depend
-from whiskjax.estimate.unknown import start_of
+from whiskjax.estimate.given import given, held, posed
 from whiskjax.flights import songshan
 
 
@@ -96,15 +96,17 @@ def assert_columns(found, expected, step):
 
 def test_all_derivatives(case):
     sensor, shot, point, pixel, link, unknowns = case
-    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, link, tuple(x.places for x in unknowns), true))
+    _, numbers, _ = posed(sensor, given("test", "unknowns", unknowns))
+    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, link, numbers, true))
     found = of(tuple(point.T), tuple(pixel.T), jnp.asarray(True))
     project = jax.jit(lambda s, p: wj.project(s, shot, p, throw=False).pixel_px)
 
-    values = np.array([float(start_of(sensor, x)) for x in unknowns])
+    values = held(sensor, unknowns)
     step = np.array([0.02 * x.size for x in unknowns])
     by_unknown, here = differences(lambda v: project(wj.assign(sensor, unknowns, values + v), point), len(values), step)
     np.testing.assert_allclose(np.stack(found.residual, -1), pixel - here, rtol=0, atol=1e-8)
-    assert_columns(found.by_unknown, by_unknown, step)
+    size = np.asarray(numbers.scale)
+    assert_columns(found.by_unknown, by_unknown * size[:, None, None], step / size)
 
     step = np.full(3, 1.0)
     by_point, _ = differences(lambda v: project(sensor, point + v), 3, step)
@@ -121,10 +123,12 @@ def test_single_stations_as_unknowns(case):
     unknowns = [
         wj.Unknown(f"{f} {k} {i}", f"{link}.{f}[{k},{i}]", scale=1.0) for f, k, i in (("turn_rad", 1, 0), ("shift_m", 2, 2))
     ]
-    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, None, tuple(x.places for x in unknowns), true))
+    _, numbers, _ = posed(sensor, given("test", "unknowns", unknowns))
+    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, None, numbers, true))
     found = of(tuple(point.T), tuple(pixel.T), jnp.asarray(True))
     assert found.by_motion == ((), ())
     project = jax.jit(lambda s: wj.project(s, shot, point, throw=False).pixel_px)
-    values, step = np.array([float(start_of(sensor, x)) for x in unknowns]), np.array([1e-3, 1.0])
+    values, step = held(sensor, unknowns), np.array([1e-3, 1.0])
     expected, _ = differences(lambda v: project(wj.assign(sensor, unknowns, values + v)), 2, step)
-    assert_columns(found.by_unknown, expected, step)
+    size = np.asarray(numbers.scale)
+    assert_columns(found.by_unknown, expected * size[:, None, None], step / size)

@@ -18,7 +18,8 @@ from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency, kinked
-from ..unknown import Unknown, need_unknowns
+from ..given import Knowledge, given
+from ..unknown import Unknown
 from ..variance_components import Components
 from ..verdict import contradictions
 from . import weights
@@ -41,7 +42,7 @@ _SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix, scal
 def adjust(
     sensor: Sensor,
     block: Block,
-    unknowns: Sequence[Unknown] = (),
+    unknowns: Knowledge = (),
     *,
     pos_errors: PosErrors | None = None,
     start_m: Float[np.ndarray, "points 3"] | None = None,
@@ -60,7 +61,8 @@ def adjust(
     **Arguments:**
 
     - `sensor`: the chain with start values.
-    - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `pos_errors`.
+    - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `pos_errors`; an
+      earlier answer, or its `Estimate`, is the joint prior of its numbers.
     - `pos_errors`: the link whose motions at stations (orientation images, spline coefficients, images) are estimated, and how
       large and how correlated POS errors are; None keeps the trajectory as it is.
     - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (without
@@ -81,7 +83,8 @@ def adjust(
     require_x64("adjust")
     need("adjust", "sensor", sensor, Sensor)
     need("adjust", "block", block, Block)
-    need_unknowns("adjust", "unknowns", unknowns)
+    priors = given("adjust", "unknowns", unknowns)
+    unknowns = priors.unknowns
     for name, value, kind in (("pos_errors", pos_errors, PosErrors), ("blunders", blunders, Blunders)):
         if value is not None:
             need("adjust", name, value, kind)
@@ -101,11 +104,11 @@ def adjust(
     unplaced = np.flatnonzero(block.seen & ~lonely & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
     if unplaced.size:
         raise WhiskjaxError(f"{block.point_label(int(unplaced[0]))}: start_m holds no finite coordinates of it")
-    prepared = prepare(sensor, block, unknowns, pos_errors, start_m)
+    prepared = prepare(sensor, block, priors, pos_errors, start_m)
     start_u = np.asarray(prepared.start.u)
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
-        prepared = retimed(prepared, solved.state, unknowns, pos_errors)
+        prepared = retimed(prepared, solved.state, priors, pos_errors)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     used, found = ~lonely[block.point], None
     for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
@@ -122,7 +125,7 @@ def _is_fine(solved: Solved) -> bool:
     return int(codes_of(solved.result)) == 0 and _inverse(solved.reduced.matrix) is not None
 
 
-def retimed(prepared: Prepared, state: State, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> Prepared:
+def retimed(prepared: Prepared, state: State, unknowns: Knowledge, pos_errors: PosErrors | None) -> Prepared:
     """The block with every ray at the crossing of its fitted point, to be solved again from the state."""
     ready = prepared.ready
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
@@ -168,7 +171,7 @@ def report(
     point[nowhere], covariance[nowhere], residual[lonely[block.point]] = np.nan, np.nan, np.nan
     numbers = ready.unknowns
     size = state.x.size
-    mean, scale = np.asarray(numbers.mean), np.asarray(numbers.scale)
+    mean, scale = np.asarray(numbers.others.mean), np.asarray(numbers.others.scale)
     value = mean + scale * np.asarray(state.u)
     trust = _trust(ready, state, inverse)
     squared = np.where(used[:, None], (residual / block.sigma_px) ** 2, 0.0)
@@ -177,7 +180,7 @@ def report(
         2 * int(used.sum())
         + 3 * int(control.sum())
         + int((np.abs(np.asarray(ready.roots)).sum(axis=2) > 0).sum())
-        + int(np.asarray(ready.prior).sum())
+        + int((np.asarray(ready.unknowns.others.root) != 0).any(axis=1).sum())
         - size
         - len(value)
         - 3 * len(np.unique(block.point[used | control[block.point]]))
@@ -260,14 +263,14 @@ def _impossible(block: Block, codes: Int[np.ndarray, " rays"]) -> list[str]:
 def _trust(ready: Ready, state: State, inverse: np.ndarray | None) -> Trust:
     """Covariances in the units of the fields."""
     q, size = len(state.u), state.x.size
-    scale = np.asarray(ready.unknowns.scale)
+    scale = np.asarray(ready.unknowns.others.scale)
     sigma = np.asarray(ready.unknowns.sigma)
     if inverse is None:
         inverse = np.full((size + q, size + q), np.nan)
     of_unknowns = inverse[size:, size:] * np.outer(scale, scale)
     of_stations = np.sqrt(np.diag(inverse)[:size]).reshape(state.x.shape) * sigma[:, None]
-    prior = np.asarray(ready.prior)
-    share = np.where(prior > 0, 1 - prior**2 * np.diag(inverse)[size:], np.nan)
+    has_prior = (np.asarray(ready.unknowns.others.root) != 0).any(axis=1)
+    share = np.where(has_prior, 1 - np.diag(inverse)[size:], np.nan)
     return Trust(of_unknowns, np.sqrt(np.diag(of_unknowns)), of_stations.T, share)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from ...chain.sensor import Sensor
 from ...rules import RESULTS
 from ...rules.results import codes_of
+from ..estimate import Estimate
 from ..unknown import Unknown
 from ..variance_components import Components
 from ..verdict import UNTESTED, CheckTest, stretched
@@ -84,6 +85,13 @@ class Adjustment:
     warnings: tuple[str, ...]
     check: CheckTest = UNTESTED
     left_out: tuple[str, ...] = ()
+
+    @property
+    def estimate(self) -> Estimate:
+        """The unknowns with their joint covariance, points and motions integrated out: knowledge for the next verb."""
+        names, places = tuple(x.name for x in self.unknowns), tuple(x.places for x in self.unknowns)
+        share, cost = 1 - self.trust.data_share, np.asarray(self.cost)
+        return Estimate(self.value, self.trust.covariance, share, cost, self.freedom, self.result, names, places)
 
     @property
     def is_sound(self) -> bool:

@@ -17,9 +17,10 @@ from jaxtyping import Array, Float
 
 from ...algebra.symmetric import inverse_lower
 from ...algebra.vectors import Component, Vec3, total
+from ...chain.parameters import once
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
-from .rays import Dependence, depend, once
+from .rays import Dependence, depend
 from .tiles import Chunk, Tiles, Unknowns
 
 Factor = tuple[Component, ...]  # L^-1 of a point's 3x3 system: k00, k10, k11, k20, k21, k22
@@ -60,7 +61,7 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3) -
 
     **Returns:** the normal equations, and the points moved to their optimum for this sensor.
     """
-    stations, size = unknowns.stations_of(sensor), len(unknowns.places) + 1
+    stations, size = unknowns.stations_of(sensor), len(unknowns.others) + 1
     nothing = Normal(jnp.zeros((6, stations) * 2), jnp.zeros((6, stations, size)), jnp.zeros((size, size)))
 
     def add(k, carry):
@@ -81,7 +82,7 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
     certain = chunk.units >= 0
 
     def whitened() -> Dependence:
-        found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.places, certain)
+        found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.others, certain)
         return _whitened(found, unknowns, chunk)
 
     found = once(whitened, certain)
@@ -117,7 +118,7 @@ def _whitened(found: Dependence, unknowns: Unknowns, chunk: Chunk) -> Dependence
         tuple(w * r for w, r in zip(weight, found.residual, strict=True)),
         over(found.by_point, (1.0, 1.0, 1.0)),
         over(found.by_motion, unknowns.sigma),
-        over(found.by_unknown, unknowns.scale),
+        over(found.by_unknown, (1.0,) * len(unknowns.others)),
     )
 
 

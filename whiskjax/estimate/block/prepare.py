@@ -1,7 +1,6 @@
 """A block made ready: tiles on the device, start values, priors."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +15,7 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.sensor import Sensor
 from ...rules import WhiskjaxError
 from ...rules.sizes import rounded
-from ..unknown import Unknown, admit, start_of, whitened
+from ..given import Knowledge, given, posed
 from .block import Block
 from .connect import seen_once
 from .plan import Plan, plan
@@ -33,13 +32,12 @@ class State(eqx.Module):
 
 
 class Ready(eqx.Module):
-    """A block as numbers. `roots` and `prior` are the rows of POS and of the other unknowns' priors, whitened."""
+    """A block as numbers. `roots` are the rows of POS, whitened."""
 
     sensor: Sensor
     unknowns: Unknowns
     tiles: Tiles
     roots: Float[Array, "6 stations stations"]
-    prior: Float[Array, " q"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +92,7 @@ def _gathered(index: np.ndarray, of_chunks: Any, size: int) -> np.ndarray:
 def prepare(
     sensor: Sensor,
     block: Block,
-    unknowns: Sequence[Unknown],
+    unknowns: Knowledge,
     pos_errors: PosErrors | None,
     start_m: Float[np.ndarray, "points 3"],
     keep: Plan | None = None,
@@ -106,17 +104,16 @@ def prepare(
 
     **Raises:** `WhiskjaxError` for unknowns, links or keys that make no sense.
     """
-    if unknowns:
-        sensor = admit(sensor, unknowns)
+    sensor, others, u = posed(sensor, given("adjust", "unknowns", unknowns))
     for key in sensor.key_names():
         if block.key(key) is None:
             raise WhiskjaxError(f"the sensor tells its {key}s apart, but the rays of the block carry no {key}")
     sigma, stations, roots = np.zeros(6), 0, np.zeros((6, 0, 0))
     first, acting, segments = np.zeros(len(block), dtype=int), 1, (1,)
     if pos_errors is not None:
-        for x in unknowns:
-            if any(place.link == pos_errors.link for place in x.places):
-                raise WhiskjaxError(f"unknown {x.name} lives in {pos_errors.link}, whose motions pos_errors already estimates")
+        for name, of in zip(others.names, others.places, strict=True):
+            if any(place.link == pos_errors.link for place in of):
+                raise WhiskjaxError(f"unknown {name} lives in {pos_errors.link}, whose motions pos_errors already estimates")
         for field in ("turn_rad", "shift_m"):
             sensor = make_room(sensor, Address(pos_errors.link, (field,), (0, 0)))
         link = pos_errors.stations(sensor)
@@ -126,23 +123,14 @@ def prepare(
         pairs = link.acting(block.shots())
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
     laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
-    start = np.array([start_of(sensor, x) for x in unknowns])
-    mean, scale, u = whitened(unknowns, start)
-    numbers = Unknowns(
-        jnp.asarray(mean),
-        jnp.asarray(scale),
-        jnp.asarray(sigma),
-        None if pos_errors is None else pos_errors.link,
-        tuple(x.places for x in unknowns),
-    )
+    numbers = Unknowns(others, jnp.asarray(sigma), None if pos_errors is None else pos_errors.link)
     known, lonely = block.role == "control", seen_once(block)
     # They have no place; seats on the device hold numbers, and have no weight.
     start_m = np.where(lonely[:, None], start_m[block.point[~lonely[block.point]][0]], start_m)
     place = np.where(known[:, None], block.position_m, start_m)
     tiles = _tiles(block, laid, place, block.information())
     points = _components(start_m[_whose(block, laid)], tiles)
-    has_prior = jnp.asarray([float(x.sigma is not None) for x in unknowns])
-    ready = Ready(sensor, numbers, tiles, jnp.asarray(roots), has_prior)
+    ready = Ready(sensor, numbers, tiles, jnp.asarray(roots))
     state = State(_whitened_motions(sensor, numbers, stations), jnp.asarray(u), points)
     prepared = Prepared(ready, state, laid, block)
     return prepared.weighted(1 / block.sigma_px, state) if lonely.any() else prepared

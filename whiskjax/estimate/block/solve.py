@@ -63,10 +63,11 @@ def reduce(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     for a in range(6):
         place = slice(a * stations, (a + 1) * stations)
         matrix = matrix.at[place, place].add(information[a])
-    pull = ready.prior**2
-    matrix = matrix.at[jnp.arange(m, m + q), jnp.arange(m, m + q)].add(pull)
-    right = right - jnp.concatenate([jnp.einsum("aek,ae->ak", ready.roots, residual).ravel(), pull * state.u])
-    cost = corner[q, q] + (residual**2).sum() + (pull * state.u**2).sum()
+    pull = ready.unknowns.others.information
+    slope = pull @ state.u
+    matrix = matrix.at[m:, m:].add(pull)
+    right = right - jnp.concatenate([jnp.einsum("aek,ae->ak", ready.roots, residual).ravel(), slope])
+    cost = corner[q, q] + (residual**2).sum() + slope @ state.u
     return Reduced(observed, matrix, right, cost), points
 
 

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...algebra.vectors import Component, Vec2, Vec3
-from ...chain.address import put
+from ...chain.parameters import Parameters
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.stations import AbstractStations
-from .rays import Places
 
 
 class Chunk(eqx.Module):
@@ -48,13 +47,11 @@ class Tiles(eqx.Module):
 
 
 class Unknowns(eqx.Module):
-    """What is estimated besides the points: value = mean + scale * u of each unknown, motion = sigma * x of each station."""
+    """What is estimated besides the points: numbers of the sensor, and motions of stations, sigma * x of each."""
 
-    mean: Float[Array, " q"]
-    scale: Float[Array, " q"]
+    others: Parameters
     sigma: Float[Array, " 6"]
     stations: str | None = eqx.field(static=True)
-    places: Places = eqx.field(static=True)
 
     def stations_of(self, sensor: Sensor) -> int:
         """How many stations there are."""
@@ -65,10 +62,7 @@ class Unknowns(eqx.Module):
 
     def put(self, sensor: Sensor, x: Float[Array, "6 stations"], u: Float[Array, " q"]) -> Sensor:
         """The sensor with whitened motions and unknowns put in."""
-        value = self.mean + self.scale * u
-        pairs = [(place, value[k]) for k, places in enumerate(self.places) for place in places]
-        if pairs:
-            sensor = put(sensor, [p for p, _ in pairs], [v for _, v in pairs])
+        sensor = self.others.put(sensor, u)
         if self.stations is None:
             return sensor
         link = sensor.names.index(self.stations)

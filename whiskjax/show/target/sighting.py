@@ -28,7 +28,7 @@ class Sighting:
     - `points`: indices of the flight's points whose measurements are the looks; more than one stand for one target.
     - `looks`, `measurement`: of `flight.looks(points)`.
     - `location`: made from them.
-    - `unknowns`: those estimated with the target, then those considered, as in `location.names`.
+    - `unknowns`: those estimated with the target, then those considered, as in `location.estimate.names`.
     - `guess`: where the filter started, on the surface of the height `surface_height_m`.
     - `gate`: the share of good looks that may be lost, or None.
     - `remarks`: what was chosen or changed without being asked.

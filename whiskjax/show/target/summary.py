@@ -153,7 +153,7 @@ def _consistency(sighting: Sighting) -> Summary:
 
 
 def _parameters(sighting: Sighting) -> list[Summary]:
-    sigma = np.sqrt(np.diag(np.asarray(sighting.location.value_covariance)))
+    sigma = np.asarray(sighting.location.estimate.sigma)
     rows = []
     for k, unknown in enumerate(sighting.unknowns):
         unit, factor = unknown.unit
