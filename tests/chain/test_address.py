@@ -1,5 +1,7 @@
 """Where a number lives in a sensor."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,12 +16,20 @@ SENSOR = wj.Sensor(
     {
         "body": wj.Trajectory(TIME_S, np.zeros((3, 3)), [[0, 0, 0, 1.0]] * 3, max_gap_s=2.0),
         "drift": wj.Correction(wj.Drift(0.0, 2.0)),
+        "wander": wj.Correction(wj.Process.random_walk(TIME_S)),
         "poses": wj.PosePerImage(np.zeros((4, 3)), [[0, 0, 0, 1.0]] * 4),
         "platform": wj.By("swing", {"left": wj.Mount(angles_rad=[1.0, 2.0, 3.0]), "right-2": wj.Mount()}),
         "scan": wj.Turn("x", wj.Encoder(TIME_S, TIME_S, 2.0)),
         "flu": wj.Axes("x -y -z"),
     },
-    wj.By("view", {"nadir": wj.LineCamera(1000.0), "frame": wj.FrameCamera([1000.0, 2000.0], (1.0, 2.0), per_image=True)}),
+    wj.By(
+        "view",
+        {
+            "nadir": wj.LineCamera(1000.0),
+            "frame": wj.FrameCamera([1000.0, 2000.0], (1.0, 2.0), per_image=True),
+            "looks": wj.LookTable([0.0, 1.0], [[0.0, 0.0, -1.0], [0.1, 0.0, -1.0]]),
+        },
+    ),
 )
 
 
@@ -87,6 +97,52 @@ def test_room_is_made_where_there_was_a_structural_zero(text):
     assert eqx.tree_equal(put(changed, [address], [jnp.zeros(())]), sensor)
 
 
+PARTS = {
+    "lever_arm_m": ((3,), wj.Mount),
+    "angles_rad": ((3,), wj.Mount),
+    "turn_rad": ((5, 3), lambda **absent: wj.Correction(wj.OrientationImages(-3.0, 2.0, 5), **absent)),
+    "shift_m": ((4, 3), lambda **absent: wj.PosePerImage(np.ones((4, 3)), [[0, 0, 0, 1.0]] * 4, **absent)),
+    "distortion": ((5,), lambda **absent: wj.FrameCamera(1000.0, (1.0, 2.0), **absent)),
+    "deformation_px": ((2, 4), lambda **absent: wj.LineCamera(1000.0, half_width_px=50.0, **absent)),
+}
+
+
+@pytest.mark.parametrize("field", PARTS)
+def test_what_is_absent_is_what_the_part_says(field):
+    """A part that is given this array images as the part without it."""
+    shape, make = PARTS[field]
+    part, shot, q = make(), wj.Shot(time_s=0.5, image=1), (0.1, 0.02, -1.0)
+    assert part.absent(field).shape == shape
+    assert part.absent("order") is None
+    same = make(**{field: part.absent(field)})
+    if isinstance(part, wj.AbstractCamera):
+        np.testing.assert_allclose(same.pixel(q), part.pixel(q), rtol=0, atol=1e-12)
+    else:
+        np.testing.assert_allclose(same.pose(shot).matrix, part.pose(shot).matrix, rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(same.pose(shot).origin_m, part.pose(shot).origin_m)
+
+
+def test_a_part_of_somebody_else_answers_for_itself():
+    class Bent(wj.AbstractLink):
+        given: ClassVar = ("table_m",)
+        bend_m: jax.Array | None
+        table_m: jax.Array
+
+        def absent(self, field):
+            return jnp.zeros(7) if field == "bend_m" else None
+
+        def pose(self, shot):
+            return wj.Pose()
+
+        def check(self, shot):
+            return wj.RESULTS.successful
+
+    sensor = SENSOR.after("body", "bent", Bent(None, jnp.ones(2)))
+    assert make_room(sensor, parse("bent.bend_m[6]"))["bent"].bend_m.shape == (7,)
+    with pytest.raises(wj.WhiskjaxError, match=r"bent\.table_m\[0\] is not a number that can be estimated"):
+        make_room(sensor, parse("bent.table_m[0]"))
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
@@ -102,6 +158,12 @@ def test_room_is_made_where_there_was_a_structural_zero(text):
         ("flu.axes", "not a number that can be estimated"),
         ("platform.left", "not a number that can be estimated"),
         ("body.knots.steps", "not a number that can be estimated"),
+        # What is given: where the part was recorded, or what it is.
+        ("body.knots.time_s[1]", "not a number that can be estimated"),
+        ("wander.basis.time_s[0]", "not a number that can be estimated"),
+        ("camera.nadir.along_sign", "not a number that can be estimated"),
+        ("camera.nadir.half_width_px", "not a number that can be estimated"),
+        ("camera.looks.sample_px[0]", "not a number that can be estimated"),
         # What is absent here is no zero: there is no value that leaves the sensor as it is.
         ("camera.frame.size_px[0]", "camera.frame.size_px"),
         ("camera.nadir.samples_px[0]", "camera.nadir.samples_px"),

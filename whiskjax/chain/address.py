@@ -15,9 +15,8 @@ import jax.numpy as jnp
 from ..algebra.vectors import is_structural
 from ..rules import WhiskjaxError
 from .by import By
-from .correction import Correction
+from .part import AbstractPart
 from .sensor import Sensor
-from .trajectory import PosePerImage
 
 
 class Address(NamedTuple):
@@ -42,8 +41,6 @@ class Address(NamedTuple):
         return ".".join((self.link, *self.path[:-1], field)) + index
 
 
-# What a part is, or where it is recorded: signs, the scale of a polynomial's argument, sizes, tables.
-_GIVEN = {"along_sign", "across_sign", "half_width_px", "samples_px", "size_px", "sample_px", "time_s", "max_gap_s"}
 _INNER, _SHOWN = re.compile("_rad$"), re.compile("_deg$")
 _FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[((?:0|[1-9][0-9]*)(?:\s*,\s*(?:0|[1-9][0-9]*))*)\])?$")
 
@@ -94,20 +91,6 @@ def read(sensor: Sensor, address: Address) -> Any:
     return leaf[address.index] if address.index else leaf
 
 
-_WHERE_ABSENT_IS_ZERO = {"lever_arm_m": (3,), "angles_rad": (3,), "distortion": (5,), "deformation_px": (2, 4)}
-
-
-def _zeros_like_field(node: Any, name: str) -> Any:
-    """What an absent parameter means, as an array that can hold an unknown; None where no number means the same."""
-    if name in ("turn_rad", "shift_m"):
-        if isinstance(node, Correction):
-            return jnp.zeros((node.basis.size, 3))
-        if isinstance(node, PosePerImage):
-            return jnp.zeros((node.position_m[0].shape[0], 3))
-    shape = _WHERE_ABSENT_IS_ZERO.get(name)
-    return None if shape is None else jnp.zeros(shape)
-
-
 def make_room(sensor: Sensor, address: Address) -> Sensor:
     """The same sensor, with a real number at the address where there was a structural zero or None.
 
@@ -116,12 +99,14 @@ def make_room(sensor: Sensor, address: Address) -> Sensor:
     node = sensor[address.link]
     for name in address.path[:-1]:
         node = _step(node, name, address.text)
-    leaf = _step(node, address.path[-1], address.text)
+    field = address.path[-1]
+    leaf = _step(node, field, address.text)
+    part = node if isinstance(node, AbstractPart) else AbstractPart()
     if leaf is None or is_structural(leaf, 0):
-        leaf = jnp.zeros(()) if leaf is not None else _zeros_like_field(node, address.path[-1])
+        leaf = part.absent(field) if leaf is None else jnp.zeros(())
         if leaf is not None:
             sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
-    if address.path[-1] in _GIVEN or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
+    if field in part.given or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
         raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
     if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
         raise WhiskjaxError(f"{address.text}: the array there has shape {leaf.shape}; name one of its entries, as [0]")

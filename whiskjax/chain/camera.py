@@ -5,7 +5,7 @@ along -z. Pixels are (sample or column, line or row).
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ from ..algebra.implicit import implicit
 from ..algebra.vectors import Component, Vec2, Vec3, unstack, vsub
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need_flags
 from ..rules.results import choose, failure_if
+from .part import AbstractPart
 from .shot import Shot
 
 # Newton steps from the distorted to the undistorted coordinates.
@@ -34,7 +35,7 @@ def common_batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
     return np.broadcast_shapes(*shapes)
 
 
-class AbstractCamera(eqx.Module):
+class AbstractCamera(AbstractPart):
     """Pixel <-> direction in the camera frame."""
 
     @property
@@ -143,6 +144,7 @@ class FrameCamera(AbstractCamera):
     - `per_image`: `focal_px` holds one number for each image; the shot's image picks it.
     """
 
+    given: ClassVar = ("size_px",)
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_point_px: Float[Array, "*batch 2"] = eqx.field(converter=parameter)
     distortion: Float[Array, "*batch 5"] | None = eqx.field(converter=parameter)
@@ -171,6 +173,10 @@ class FrameCamera(AbstractCamera):
             "size_px", size_px, "... 2", optional=True, finite=True, above=0.0, meaning="columns and rows of the detector"
         )
         self.per_image = per_image
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """No distortion."""
+        return jnp.zeros(5) if field == "distortion" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -15,13 +15,14 @@ from ..algebra.vectors import IDENTITY, ZERO, Component, Vec3
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced, need
 from ..rules.results import choose
 from .camera import parameter
+from .part import AbstractPart
 from .pose import Pose
 from .rotations import rotation_from_vector
 from .shot import Shot
 from .stations import AbstractStations, motion
 
 
-class AbstractBasis(eqx.Module):
+class AbstractBasis(AbstractPart):
     """Weights of the coefficients as a function of time."""
 
     @property

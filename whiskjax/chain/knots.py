@@ -1,5 +1,7 @@
 """Recorded times: which two samples surround a time, without extrapolation and without bridging gaps."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, require_x64
 from ..rules.results import choose
+from .part import AbstractPart
 from .samples import blocks
 
 _MOST_STEPS = 8
@@ -19,13 +22,14 @@ def take(values: Float[Array, " n"], i: Int[Array, "..."]) -> Float[Array, "..."
     return values.at[i].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-class Knots(eqx.Module):
+class Knots(AbstractPart):
     """Strictly increasing sample times, with a table that finds the interval of a time in a few loads.
 
     The span is cut into buckets about as wide as the closest samples; a bucket knows the last sample before it, and the few
     samples inside it are stepped over. POS at an even rate needs one step, where a binary search needs log2(n).
     """
 
+    given: ClassVar = ("time_s", "buckets_per_s", "one")
     time_s: Float[Array, " n"]
     is_gap: Bool[Array, " n-1"]
     before_bucket: Int[Array, " m"]

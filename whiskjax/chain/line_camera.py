@@ -1,6 +1,6 @@
 """Line cameras: a detector line in the focal plane, or a table of looks."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -48,6 +48,7 @@ class LineCamera(AbstractCamera):
     - `samples_px`: first and last sample of the detector, or None where it does not matter.
     """
 
+    given: ClassVar = ("along_sign", "across_sign", "half_width_px", "samples_px")
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_sample_px: Float[Array, "..."] = eqx.field(converter=parameter)
     offset_px: Float[Array, "..."] = eqx.field(converter=parameter)
@@ -86,6 +87,10 @@ class LineCamera(AbstractCamera):
         if along not in ("x", "y"):
             raise WhiskjaxError(f"LineCamera: a detector line lies along x or y, not {along!r}")
         self.along = along
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """A straight line."""
+        return jnp.zeros((2, 4)) if field == "deformation_px" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -203,6 +208,7 @@ class LookTable(AbstractCamera):
     - `direction`: (n, 3) in the camera frame (looking along -z), any length.
     """
 
+    given: ClassVar = ("sample_px",)
     sample_px: Float[Array, " n"]
     slope: Float[Array, "n 2"]  # image point at focal length 1: (-x/z, -y/z)
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool
 from ..algebra.vectors import Component, Mat3
 from ..rules import RESULTS
 from .knots import Knots
+from .part import AbstractPart
 from .pose import Pose
 from .shot import Shot
 
@@ -32,7 +33,7 @@ class Moves(NamedTuple):
     speed_mps: Component = 0
 
 
-class AbstractLink(eqx.Module):
+class AbstractLink(AbstractPart):
     """One link of the chain, from the Earth inwards to the camera."""
 
     @property

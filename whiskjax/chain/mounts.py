@@ -3,6 +3,7 @@
 import re
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -45,6 +46,10 @@ class Mount(AbstractLink):
         if lever_sign not in (1, -1):
             raise WhiskjaxError(f"Mount: lever_sign is +1 or -1, not {lever_sign!r}")
         self.lever_sign = lever_sign
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """No lever arm, no turn."""
+        return jnp.zeros(3) if field in ("lever_arm_m", "angles_rad") else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

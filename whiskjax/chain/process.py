@@ -5,6 +5,8 @@ and the same sigma; between nodes they are interpolated linearly. So a process n
 coefficients, each with its own prior, and every estimator that knows priors knows processes.
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +26,7 @@ class Process(AbstractBasis):
     a second (random walk). Outside the nodes nothing is said.
     """
 
+    given: ClassVar = ("time_s",)
     time_s: Float[Array, " nodes"]
     root: Float[Array, "nodes nodes"]
     kind: str = eqx.field(static=True)

@@ -6,6 +6,7 @@ adjustment needs no more of them than that.
 
 import abc
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import ZERO, Component, Vec3
@@ -32,6 +33,10 @@ class AbstractStations(AbstractLink):
     @abc.abstractmethod
     def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:
         """The motions of the stations: `turn_rad` and `shift_m`."""
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """No motion of any station."""
+        return jnp.zeros((self.stations, 3)) if field in ("turn_rad", "shift_m") else None
 
     @abc.abstractmethod
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:

@@ -1,0 +1,17 @@
+"""What every part of a sensor is: fields that hold numbers, which a place names."""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+
+class AbstractPart(eqx.Module):
+    """A link, a camera, or what one is made of. It answers for its own fields, so that nobody has to ask what kind it is."""
+
+    # Fields that say what the part is, or where it is recorded: signs, sizes, sample times. They are no unknowns.
+    given: ClassVar[tuple[str, ...]] = ()
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """What None in a field means, as an array that can hold an unknown; None where no number means the same."""
+        return None
