@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 from tests.derivatives import assert_derivatives
+from whiskjax.chain.stations import motion
 from whiskjax.rules.results import is_successful
 
 START_S, SPACING_S, NODES = 100.0, 4.0, 7
@@ -180,6 +181,25 @@ def test_epochs_determine_the_coefficients(kind):
     np.testing.assert_array_equal(basis.node_s, nodes)
     if kind == "orientation images":
         np.testing.assert_array_equal(t, nodes)
+    # The link answers for its basis: motions of the stations follow from those at the epochs, segment by segment.
+    link = wj.Correction(basis, turn_rad=RNG.normal(0, 0.1, (basis.size, 3)))
+    assert link.segments == LENGTHS
+    np.testing.assert_array_equal(link.node_s, nodes)
+    dense = np.zeros((basis.size, basis.size))
+    for i, w in link.acting(wj.Shot(time_s=link.epoch_s)):
+        dense[np.arange(basis.size), np.asarray(i)] += np.asarray(w)
+    turn, _ = motion(link, wj.Shot(time_s=link.epoch_s))
+    np.testing.assert_allclose(np.linalg.solve(dense, np.stack(turn, axis=-1)), link.turn_rad, rtol=0, atol=1e-12)
+
+
+POSES = wj.PosePerImage(np.zeros((3, 3)), [[0, 0, 0, 1.0]] * 3)
+PROCESS = wj.Process.random_walk([0.0, 1.0])
+
+
+@pytest.mark.parametrize("link, stations", [(wj.Correction(wj.Bias()), 1), (wj.Correction(PROCESS), 2), (POSES, 3)])
+def test_stations_that_are_no_nodes_lie_in_no_time(link, stations):
+    assert link.segments == (link.stations,) == (stations,)
+    assert link.node_s is None and link.epoch_s is None
 
 
 @pytest.mark.parametrize("kind", SEGMENTED)

@@ -30,6 +30,21 @@ class AbstractBasis(AbstractPart):
     def size(self) -> int:
         """Number of coefficients."""
 
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Numbers of coefficients that follow each other in time without a break."""
+        return (self.size,)
+
+    @property
+    def node_s(self) -> Float[np.ndarray, " nodes"] | None:
+        """The time of every coefficient, on the host; None where they belong to no times."""
+        return None
+
+    @property
+    def epoch_s(self) -> Float[np.ndarray, " nodes"] | None:
+        """As many times, on the host: values there determine the coefficients. None where these belong to no times."""
+        return None
+
     @abc.abstractmethod
     def weights(self, t: Component) -> list[tuple[Component, Component]]:
         """Pairs (coefficient index, weight) that act at each time."""
@@ -124,6 +139,11 @@ class AbstractUniform(AbstractBasis):
     def size(self) -> int:
         """Number of nodes of all segments."""
         return sum(self.nodes)
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Numbers of nodes."""
+        return self.nodes
 
     @property
     def node_s(self) -> Float[np.ndarray, " nodes"]:
@@ -239,6 +259,21 @@ class Correction(AbstractStations):
     def stations(self) -> int:
         """Number of coefficients."""
         return self.basis.size
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Those of the basis."""
+        return self.basis.segments
+
+    @property
+    def node_s(self) -> Float[np.ndarray, " stations"] | None:
+        """Those of the basis."""
+        return self.basis.node_s
+
+    @property
+    def epoch_s(self) -> Float[np.ndarray, " stations"] | None:
+        """Those of the basis."""
+        return self.basis.epoch_s
 
     @property
     def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:

@@ -7,6 +7,7 @@ adjustment needs no more of them than that.
 import abc
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import ZERO, Component, Vec3
@@ -28,6 +29,21 @@ class AbstractStations(AbstractLink):
     @abc.abstractmethod
     def stations(self) -> int:
         """Number of stations."""
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Numbers of stations that follow each other in time without a break, strip by strip; all where they lie in no time."""
+        return (self.stations,)
+
+    @property
+    def node_s(self) -> Float[np.ndarray, " stations"] | None:
+        """The time of every station, on the host; None where stations are not nodes in time."""
+        return None
+
+    @property
+    def epoch_s(self) -> Float[np.ndarray, " stations"] | None:
+        """As many times, on the host: motions there determine those of the stations. None where they are not nodes in time."""
+        return None
 
     @property
     @abc.abstractmethod

@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...chain.address import put, read
-from ...chain.correction import AbstractUniform, Correction
 from ...chain.detector import refuse_pixels_without_direction
 from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
@@ -150,9 +149,9 @@ def _effects(
     """The change of the motions, at every station, that images as one unit of each mount does; whitened by the POS sigmas."""
     sensor = prepared.ready.sensor
     link = pos_errors.stations(sensor)
-    if isinstance(link, Correction) and isinstance(link.basis, AbstractUniform):
+    node_s = link.node_s
+    if node_s is not None:
         time = np.asarray(prepared.block.key("time_s"))
-        node_s = link.basis.node_s
         nearest = np.array([int(np.argmin(np.abs(time - t))) for t in node_s])  # its strip, or view, is the node's
         shot = dataclasses.replace(prepared.block.shots(nearest), time_s=jnp.asarray(node_s))
     else:

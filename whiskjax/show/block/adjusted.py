@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...chain.correction import AbstractUniform, Correction
 from ...chain.imaging import ray
 from ...estimate.block.adjustment import Adjustment
 from ...estimate.block.block import ROLES, Block
@@ -153,12 +152,10 @@ class Adjusted:
         link = errors.stations(self.adjustment.sensor)
         turn, shift = (np.zeros((link.stations, 3)) if of is None else np.asarray(of) for of in link.motions)
         value, sigma = np.concatenate([turn, shift], axis=1), self.adjustment.trust.stations
-        basis = link.basis if isinstance(link, Correction) else None
-        if isinstance(basis, AbstractUniform):
-            time = basis.node_s
-            parts = np.split(time, np.cumsum(basis.nodes)[:-1])
-            return Course(value, sigma, time, [(self._called(i, part), len(part)) for i, part in enumerate(parts)])
-        return Course(value, sigma, None, [("all stations", link.stations)])
+        if link.node_s is None:
+            return Course(value, sigma, None, [("all stations", link.stations)])
+        parts = np.split(link.node_s, np.cumsum(link.segments)[:-1])
+        return Course(value, sigma, link.node_s, [(self._called(i, part), len(part)) for i, part in enumerate(parts)])
 
     def _called(self, number: int, time_s: np.ndarray) -> str:
         """The strip whose rays lie within some stations; where there is not one strip, the number of the segment."""
