@@ -152,7 +152,7 @@ def test_a_part_of_somebody_else_answers_for_itself():
         ("platform.left.angles_rad[3]", r"array there has shape \(3,\)"),
         ("platform.left.angles_rad", r"array there has shape \(3,\); name one of its entries"),
         ("body.delay_s[0]", r"array there has shape \(\)"),
-        ("body.max_gap_s", "not a number that can be estimated"),
+        ("body.knots.max_gap_s", "not a number that can be estimated"),
         ("scan.axis", "not a number that can be estimated"),
         ("scan.sign", "not a number that can be estimated"),
         ("flu.axes", "not a number that can be estimated"),

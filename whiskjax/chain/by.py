@@ -13,7 +13,7 @@ from ..rules import RESULTS, Arrays, WhiskjaxError, need
 from ..rules.results import choose
 from .camera import AbstractCamera
 from .chosen_camera import chosen_camera
-from .link import AbstractLink, Moves
+from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
 from .shot import KEYS, Shot
 
@@ -65,6 +65,16 @@ class By(AbstractLink):
         """The one option that acts where all shots share the key, else this link itself."""
         key = self._key_of(shot)
         return self.options[key].chosen(shot) if isinstance(key, int) else self
+
+    @property
+    def recorded(self) -> tuple[Recorded, ...]:
+        """The series of all options."""
+        return tuple(record for option in self.options for record in option.recorded)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether one of the options changes with time."""
+        return any(option.is_timed for option in self.options)
 
     def moves(self, shot: Shot) -> Moves:
         """As the option of all shots, or as any of them: the samples of all, and the fastest."""

@@ -280,6 +280,11 @@ class Correction(AbstractStations):
         """`turn_rad` and `shift_m`."""
         return self.turn_rad, self.shift_m
 
+    @property
+    def is_timed(self) -> bool:
+        """Yes."""
+        return True
+
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:
         """The coefficients that act at each shot's time."""
         return self.basis.weights(shot.need("time_s", "which a correction needs"))

@@ -36,6 +36,7 @@ class Knots(AbstractPart):
     buckets_per_s: Float[Array, ""]
     one: Float[Array, ""]  # a number that the compiler does not know
     steps: int = eqx.field(static=True)
+    max_gap_s: float = eqx.field(static=True)
 
     def __init__(self, time_s: Float[Numbers, " n"], max_gap_s: float, what: str):
         """**Arguments:**
@@ -82,6 +83,7 @@ class Knots(AbstractPart):
         self.buckets_per_s = jnp.asarray(buckets / span)
         self.one = jnp.asarray(1.0)
         self.steps = most_inside
+        self.max_gap_s = float(max_gap_s)
 
     def _interval(self, t: Float[Array, "..."]) -> Int[Array, "..."]:
         """Index of the sample at or before each time, of the nearest interval outside the record."""

@@ -49,6 +49,16 @@ class AbstractLink(AbstractPart):
     def check(self, shot: Shot) -> RESULTS:
         """Whether the link knows the pose of each shot."""
 
+    @property
+    def recorded(self) -> tuple[Recorded, ...]:
+        """The series in time that the link reads."""
+        return ()
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the link asks for a shot's time."""
+        return bool(self.recorded)
+
     def moves(self, shot: Shot) -> "Moves":
         """How the link moves in time; a link that does not, or nearly so, does not move at all."""
         return Moves()

@@ -56,7 +56,6 @@ class Trajectory(AbstractLink):
     quaternion: Quaternion
     turning: Slerp | TurnSpline
     interpolation: Interpolation = eqx.field(static=True)
-    max_gap_s: float = eqx.field(static=True)
     delay_s: Component = eqx.field(converter=as_parameter)
     attitude_delay_s: Component = eqx.field(converter=as_parameter)
 
@@ -112,7 +111,6 @@ class Trajectory(AbstractLink):
         self.position_m = unstack(position)
         self.velocity_mps = None if velocity is None else unstack(np.asarray(velocity))
         self.quaternion = unstack(quaternion)
-        self.max_gap_s = float(max_gap_s)
         self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
         self.attitude_delay_s = take_component(arrays, "attitude_delay_s", attitude_delay_s, absolute=True)
 
@@ -174,15 +172,20 @@ class Trajectory(AbstractLink):
         """The delays, unless the record is interpolated by splines."""
         return () if self.interpolation == "cubic" else ("delay_s", "attitude_delay_s")
 
+    @property
+    def recorded(self) -> tuple[Recorded, ...]:
+        """The POS, and once more where its attitude has a delay of its own."""
+        position = Recorded(self.knots, self.delay_s)
+        if is_structural(self.attitude_delay_s, 0):
+            return (position,)
+        return position, Recorded(self.knots, add(self.delay_s, self.attitude_delay_s))
+
     def moves(self, shot: Shot) -> Moves:
         """Between the POS samples; the angle between unit quaternions follows from their distance, 2 sin(angle / 4)."""
         spacing = jnp.diff(self.knots.time_s)
         turn = 4 * jnp.arcsin(jnp.minimum(norm(tuple(map(jnp.diff, self.quaternion))) / 2, 1.0))
         way = norm(tuple(map(jnp.diff, self.position_m)))
-        recorded = [Recorded(self.knots, self.delay_s)]
-        if not is_structural(self.attitude_delay_s, 0):
-            recorded.append(Recorded(self.knots, add(self.delay_s, self.attitude_delay_s)))
-        return Moves(tuple(recorded), jnp.max(turn / spacing), jnp.max(way / spacing))
+        return Moves(self.recorded, jnp.max(turn / spacing), jnp.max(way / spacing))
 
     def check(self, shot: Shot) -> RESULTS:
         """Whether the POS was recorded at the shot's time."""

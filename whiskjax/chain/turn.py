@@ -49,7 +49,6 @@ class Encoder(eqx.Module):
     knots: Knots
     angle_rad: Float[Array, " n"]
     rate_rps: Float[Array, " n"] | None  # of the spline
-    max_gap_s: float = eqx.field(static=True)
     interpolation: Interpolation = eqx.field(static=True)
     wraps: bool | None = eqx.field(static=True)
 
@@ -88,7 +87,6 @@ class Encoder(eqx.Module):
         self.angle_rad = jnp.asarray(angle)
         is_cubic = self.interpolation == "cubic"
         self.rate_rps = jnp.asarray(spline_slopes(time, angle[:, None], is_gap)[:, 0]) if is_cubic else None
-        self.max_gap_s = float(max_gap_s)
         self.wraps = wraps
 
     @property
@@ -180,12 +178,17 @@ class Turn(AbstractLink):
         """The delay, unless the encoder is interpolated by a spline."""
         return ("delay_s",) if isinstance(self.encoder, Encoder) and self.encoder.interpolation == "linear" else ()
 
+    @property
+    def recorded(self) -> tuple[Recorded, ...]:
+        """The encoder; readings aligned with the shots have no times."""
+        return () if isinstance(self.encoder, Readings) else (Recorded(self.encoder.knots, self.delay_s),)
+
     def moves(self, shot: Shot) -> Moves:
         """Between the readings of the encoder."""
         if isinstance(self.encoder, Readings):
             return Moves()
         rate = self.encoder.rates()
-        return Moves((Recorded(self.encoder.knots, self.delay_s, _leaps(rate)),), jnp.max(jnp.abs(rate)))
+        return Moves(tuple(r._replace(leaps=_leaps(rate)) for r in self.recorded), jnp.max(jnp.abs(rate)))
 
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""

@@ -86,16 +86,8 @@ def chain_to_toml(flight: Flight, tables: Tables) -> list[dict[str, Any]]:
 
 
 def max_gap_s(sensor: Sensor) -> float | None:
-    """The gap that [pos] states: that of the first trajectory or turn."""
-
-    def first(link: Any) -> float | None:
-        if isinstance(link, By):
-            return next((g for option in link.options if (g := first(option)) is not None), None)
-        if isinstance(link, Turn):
-            return link.encoder.max_gap_s if isinstance(link.encoder, Encoder) else None
-        return link.max_gap_s if isinstance(link, Trajectory) else None
-
-    return next((g for link in sensor.links if (g := first(link)) is not None), None)
+    """The gap that [pos] states: that of the first series."""
+    return next((record.knots.max_gap_s for link in sensor.links for record in link.recorded), None)
 
 
 def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: float | None) -> dict[str, Any]:
@@ -106,7 +98,7 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
         return _given(
             link="trajectory",
             file=None if file == "pos.csv" else file,
-            max_gap_s=None if link.max_gap_s == gap else link.max_gap_s,
+            max_gap_s=None if link.knots.max_gap_s == gap else link.knots.max_gap_s,
             delay_s=_number(link.delay_s),
             attitude_delay_s=_number(link.attitude_delay_s),
             interpolation=None if link.interpolation == "linear" else link.interpolation,
@@ -140,7 +132,7 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             sign=link.sign,
             delay_s=_number(link.delay_s),
             zero_deg=None if type(link.zero_rad) is int else degrees(float(link.zero_rad)),
-            max_gap_s=None if link.encoder.max_gap_s == gap else link.encoder.max_gap_s,
+            max_gap_s=None if link.encoder.knots.max_gap_s == gap else link.encoder.knots.max_gap_s,
             interpolation=None if link.encoder.interpolation == "linear" else link.encoder.interpolation,
             wraps=None if link.encoder.wraps is None else False,  # jumps of a whole turn are taken out of what is written
         )

@@ -14,7 +14,6 @@ from ..chain.by import By
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..chain.turn import Turn
 from ..earth.ellipsoid import height_and_up
 from ..flights.flight import Flight
 from ..rules import RESULTS, FlightError
@@ -142,12 +141,12 @@ def _recorded(link: Any, shot: Shot) -> str:
     if isinstance(link, By):
         key = int(getattr(shot, link.key))
         return f".{link.names[key]}{_recorded(link.options[key], shot)}" if 0 <= key < len(link.names) else ""
-    timed: Any = link.encoder if isinstance(link, Turn) else link
-    knots = getattr(timed, "knots", None)
-    if knots is None:
+    series = getattr(link, "recorded", ())  # a camera has none
+    if not series:
         return ""
-    time = np.asarray(knots.time_s)
-    i = int(np.searchsorted(time, float(shot.time_s) + float(link.delay_s)))  # pyright: ignore[reportArgumentType]
+    record = series[0]
+    time = np.asarray(record.knots.time_s)
+    i = int(np.searchsorted(time, float(shot.time_s) + float(record.delay_s)))  # pyright: ignore[reportArgumentType]
     if not 0 < i < len(time):
         return f" was recorded from {time[0]:.6f} to {time[-1]:.6f} s"
-    return f" has samples at {time[i - 1]:.6f} and {time[i]:.6f} s and none between; max_gap_s is {timed.max_gap_s:g}"
+    return f" has samples at {time[i - 1]:.6f} and {time[i]:.6f} s and none between; max_gap_s is {record.knots.max_gap_s:g}"

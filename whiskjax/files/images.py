@@ -5,12 +5,10 @@ from typing import Any
 import numpy as np
 
 from ..chain.by import By
-from ..chain.correction import Correction
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS
-from ..chain.trajectory import PosePerImage, Trajectory
-from ..chain.turn import Turn
+from ..chain.trajectory import PosePerImage
 from ..flights.flight import Image
 from ..rules import FlightError
 from . import cautions
@@ -32,7 +30,8 @@ def images_of(source: Source, sensor: Sensor) -> list[Image]:
     lines = _lines(source) if line_camera else {}
     if not line_camera and (source.folder / LINES).exists():
         raise FlightError(f"{LINES} is given, but the camera is a frame camera, which has no lines; remove the file")
-    timed = None if line_camera else _timed_link(sensor)
+    timed_links = (name for name, link in zip(sensor.names, sensor.links, strict=True) if link.is_timed)
+    timed = None if line_camera else next(timed_links, None)
     images = []
     for row, name in enumerate(table["image"]):
         key_of = {key: name if key == "image" else table.text(row, key) for key in KEYS}
@@ -73,17 +72,6 @@ def _check_key(table: Table, row: int, key: str, name: str | None, keys: dict[st
         table.fail(row, key, f"is blank, but the sensor has one link or camera for each {key}; fill in {listed(known)}")
     if name not in known:
         table.fail(row, key, f"no {key} named {name!r}{meant(name, known)}; the sensor in {NAME} has {listed(known)}")
-
-
-def _timed_link(sensor: Sensor) -> str | None:
-    """A frame whose link changes with time."""
-
-    def timed(link: object) -> bool:
-        if isinstance(link, By):
-            return any(timed(option) for option in link.options)
-        return isinstance(link, Trajectory | Turn | Correction)
-
-    return next((name for name, link in zip(sensor.names, sensor.links, strict=True) if timed(link)), None)
 
 
 def _check_image_order(sensor: Sensor, table: Table) -> None:
