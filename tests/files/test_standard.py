@@ -2,7 +2,8 @@
 
 import pytest
 
-from whiskjax.files.standard import Standard, read_standard
+from whiskjax.estimate.map_limits import Standard
+from whiskjax.files.standard import read_standard
 from whiskjax.rules import FlightError
 
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import whiskjax as wj
 from whiskjax.flights import songshan, songshan_draw
-from whiskjax.flights.map_limits import PROFILE, Limit
 
 SMALL = {"ties": 300, "pos_hz": 20.0}
 A, B = songshan.Scene("A", **SMALL), songshan.Scene("B", **SMALL)
@@ -282,14 +281,6 @@ def test_folder_and_back(tmp_path, basis):
     assert type(bases[0]) is type(bases[1]) and bases[0].nodes == bases[1].nodes
     np.testing.assert_array_equal(bases[0].node_s, bases[1].node_s)
     assert [u.where for u in back.unknowns] == [u.where for u in flight.unknowns]
-
-
-def test_limits_of_the_standard():
-    assert PROFILE.limits[1000, "hilly"] == (0.5, 0.4)
-    assert PROFILE.limits[5000, "alpine"] == (2.5, 2.5)
-    assert len(PROFILE.limits) == 12
-    own = dataclasses.replace(PROFILE, name="ours", limits={(1000, "hilly"): Limit(0.3, 0.3)})
-    assert own.limits[1000, "hilly"].height_m == 0.3
 
 
 @pytest.mark.parametrize("wrong", [{"name": "C"}, {"noise": "none"}, {"basis": "cubic"}])

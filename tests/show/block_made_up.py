@@ -9,8 +9,8 @@ import whiskjax as wj
 from tests.files import made_up
 from whiskjax.estimate.block.adjustment import Adjustment, Trust
 from whiskjax.estimate.block.direct import Direct
+from whiskjax.estimate.map_limits import Standard
 from whiskjax.estimate.variance_components import Components
-from whiskjax.files.standard import Standard
 from whiskjax.flights import songshan
 from whiskjax.flights.flight import Flight
 from whiskjax.show.block.adjusted import Adjusted

@@ -14,7 +14,7 @@ from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
-    from ..files.standard import Standard
+    from ..estimate.map_limits import Standard
     from ..show.block.adjusted import Adjusted
     from ..show.plain import Summary
     from ..show.style import Drawing
@@ -116,8 +116,8 @@ def _standard(profile: str | None, terrain: str | None, command: Callable[[str |
         if terrain is not None:
             raise typer.BadParameter("the limits of a terrain need a map scale: --profile 1000", param_hint="--terrain")
         return None
-    from ..files.standard import Standard, read_standard
-    from ..flights.map_limits import PROFILE
+    from ..estimate.map_limits import PROFILE
+    from ..files.standard import read_standard
 
     if not profile.isdecimal():
         if terrain is not None:
@@ -138,8 +138,7 @@ def _standard(profile: str | None, terrain: str | None, command: Callable[[str |
         )
     if terrain not in terrains:
         raise FlightError(f"--terrain: one of {known} is expected, not {terrain!r}")
-    limit = PROFILE.limits[int(profile), terrain]
-    return Standard(f"{PROFILE.name}, 1:{profile}, {terrain}", limit.planimetry_m, limit.height_m)
+    return PROFILE.standard(int(profile), terrain)
 
 
 def _command(

@@ -4,18 +4,10 @@ import dataclasses
 import math
 from pathlib import Path
 
+from ..estimate.map_limits import Standard
 from ..rules import FlightError
 from .names import listed, meant, shown
 from .toml_file import read_toml
-
-
-@dataclasses.dataclass(frozen=True)
-class Standard:
-    """Limits of the RMSE of check points in metres; None is no limit. In planimetry it is that of east and north together."""
-
-    name: str
-    planimetry_m: float | None = None
-    height_m: float | None = None
 
 
 def read_standard(path: Path) -> Standard:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ...flights.map_limits import PROFILE
+from ...estimate.map_limits import PROFILE
 from ...flights.songshan import FIELD_M
 from ...show.style import CHECK, COLOUR, CONTROL, INK, MARKER, MUTED, SMALL, Drawing, dress, new_figure, round_number
 from .printed import CONTROL_POINTS, PRINTED, STAGES, Row

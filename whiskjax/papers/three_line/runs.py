@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.direct import Direct, direct_positioning
+from ...estimate.map_limits import PROFILE
 from ...estimate.unknown import assign
-from ...flights.map_limits import PROFILE
 from ...flights.songshan import Scene
 from ..figure import Figure
 from .printed import CONTROL_POINTS, STAGES, Row

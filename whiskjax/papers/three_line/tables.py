@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...flights.map_limits import PROFILE
+from ...estimate.map_limits import PROFILE
 from ...show.plain import Summary, versions
 from ...show.sheets import write_csv
 from ...show.tables import Cell, Table, fixed

@@ -13,7 +13,7 @@ from ...chain.imaging import ray
 from ...estimate.block.adjustment import Adjustment
 from ...estimate.block.block import ROLES, Block
 from ...estimate.block.direct import Direct
-from ...files.standard import Standard
+from ...estimate.map_limits import Standard
 from ...flights.flight import Flight
 from ..scales import Scales, axes_of, scales_of
 

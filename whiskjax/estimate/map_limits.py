@@ -5,6 +5,15 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 
+@dataclasses.dataclass(frozen=True)
+class Standard:
+    """Limits of the RMSE of check points in metres; None is no limit. In planimetry it is that of east and north together."""
+
+    name: str
+    planimetry_m: float | None = None
+    height_m: float | None = None
+
+
 class Limit(NamedTuple):
     """Largest RMSE of check points, metres: in planimetry and in height."""
 
@@ -18,6 +27,10 @@ class Profile:
 
     name: str
     limits: Mapping[tuple[int, str], Limit]
+
+    def standard(self, scale: int, terrain: str) -> Standard:
+        """What a map of this scale has to meet on this terrain; a `KeyError` where the profile has no such limit."""
+        return Standard(f"{self.name}, 1:{scale}, {terrain}", *self.limits[scale, terrain])
 
 
 _TERRAINS = ("flat", "hilly", "mountainous", "alpine")
