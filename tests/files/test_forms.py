@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 from whiskjax.chain.samples import matrices_from_quaternions, quaternions_from_matrices
+from whiskjax.earth.world import World
 from whiskjax.files.navigation import Samples, navigation_columns, sample_texts, samples
 from whiskjax.files.sheet import open_sheet
 from whiskjax.files.tables import table_text
@@ -102,11 +103,11 @@ def test_written_attitudes_are_read_back(lat, lon, height, roll, pitch, heading)
     )
     velocity = np.array([[3.0, -2.0, 60.0]])
     given_samples = Samples(position, quaternions_from_matrices(rotation[None]), velocity)
-    back, turned, moving = parsed(dict(sample_texts(given_samples, "wgs84")), "wgs84", "roll_pitch_heading")
+    back, turned, moving = parsed(dict(sample_texts(given_samples, World())), "wgs84", "roll_pitch_heading")
     np.testing.assert_allclose(back, position, rtol=0, atol=8e-9)
     np.testing.assert_allclose(turned[0], rotation, rtol=0, atol=1e-14)
     np.testing.assert_allclose(moving, velocity, rtol=0, atol=1e-11)
-    back, turned, moving = parsed(dict(sample_texts(given_samples, "local")), "local", "quaternion")
+    back, turned, moving = parsed(dict(sample_texts(given_samples, World("local"))), "local", "quaternion")
     np.testing.assert_array_equal(back, position)
     np.testing.assert_allclose(turned[0], rotation, rtol=0, atol=2e-15)
     np.testing.assert_array_equal(moving, velocity)

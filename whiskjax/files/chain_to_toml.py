@@ -91,7 +91,7 @@ def max_gap_s(sensor: Sensor) -> float | None:
 
 
 def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: float | None) -> dict[str, Any]:
-    world = flight.world.kind
+    world = flight.world
     if isinstance(link, Trajectory):
         columns = {"time_s": exact(link.knots.time_s)} | dict(sample_texts(_samples(link), world))
         file = tables.add("pos", label, table_text(columns))
@@ -222,7 +222,7 @@ def refraction_to_toml(flight: Flight) -> dict[str, Any] | None:
     refraction = flight.sensor.refraction
     if refraction is None:
         return None
-    if flight.world.kind == "local":
+    if flight.world.is_flat:
         raise FlightError("refraction: light is bent by air at heights above sea level, which a local world does not have")
     return {"scale": _single(refraction.scale, "refraction", 0), "wavelength_um": refraction.wavelength_um}
 

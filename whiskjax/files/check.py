@@ -68,7 +68,7 @@ def _check_batch(flight: Flight, index: np.ndarray, place: Callable[[int], str])
     codes = np.broadcast_to(codes_of(seen), index.shape)
     _refuse(codes != 0, lambda i: f"{named(i)}: {_why_not(flight.sensor, _at(shot, i), codes[i])}")
 
-    beyond = known & (np.asarray(distance) > _FAR_M) & (np.asarray(climb) < 0) & (flight.world.kind == "wgs84")
+    beyond = known & (np.asarray(distance) > _FAR_M) & (np.asarray(climb) < 0) & (not flight.world.is_flat)
     _refuse(
         beyond,
         lambda i: (

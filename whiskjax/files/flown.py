@@ -5,8 +5,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from ..chain.possible import ImpossibleMotion
+from ..earth.world import CARTESIAN, GEODETIC
 from ..rules import FlightError
-from .navigation import ATTITUDE, CARTESIAN, GEODETIC, VELOCITIES
+from .navigation import ATTITUDE, VELOCITIES
 from .tables import Table
 
 _METRES_A_DEGREE = 1.1e5

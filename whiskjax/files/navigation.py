@@ -21,13 +21,12 @@ from ..chain.samples import (
     turned,
 )
 from ..earth.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, ecef_to_geodetic
+from ..earth.world import CARTESIAN, GEODETIC, World
 from ..rules import FlightError
 from .names import listed
 from .sheet import Sheet
 from .tables import Column, Table, exact, rounded
 
-GEODETIC = ("lat_deg", "lon_deg", "height_m")
-CARTESIAN = ("x_m", "y_m", "z_m")
 ATTITUDE = {
     "roll_pitch_heading": ("roll_deg", "pitch_deg", "heading_deg"),
     "opk": ("omega_deg", "phi_deg", "kappa_deg"),
@@ -241,19 +240,19 @@ def geodetic(position_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarr
 _PLACE_DEG, _HEIGHT_M, _ANGLE_DEG, _SPEED_MPS = 2e-14, 4e-9, 1e-13, 1e-12
 
 
-def position_texts(position_m: Float[np.ndarray, "n 3"], world: str) -> dict[str, list[str]]:
+def position_texts(position_m: Float[np.ndarray, "n 3"], world: World) -> dict[str, list[str]]:
     """Position columns: geodetic in ECEF worlds, x, y, z in local ones."""
-    if world == "local":
+    if world.is_flat:
         return dict(zip(CARTESIAN, (exact(c) for c in position_m.T), strict=True))
     lat, lon, height = geodetic(position_m)
     place = [rounded(np.degrees(a), _PLACE_DEG) for a in (lat, lon)]
     return dict(zip(GEODETIC, (*place, rounded(height, _HEIGHT_M, 10)), strict=True))
 
 
-def sample_texts(s: Samples, world: str) -> Mapping[str, list[str]]:
+def sample_texts(s: Samples, world: World) -> Mapping[str, list[str]]:
     """Columns of positions, attitudes and velocities: people's form in ECEF worlds, exact quaternions in local ones."""
     columns = position_texts(s.position_m, world)
-    if world == "local":
+    if world.is_flat:
         columns |= dict(zip(ATTITUDE["quaternion"], (exact(c) for c in s.quaternion.T), strict=True))
         velocity, names = s.velocity_mps, VELOCITIES[1]
     else:

@@ -3,7 +3,8 @@
 import os
 from pathlib import Path
 
-from ..flights.flight import Flight, World
+from ..earth.world import World
+from ..flights.flight import Flight
 from ..rules import FlightError, WhiskjaxError, need, require_x64
 from .chain_from_toml import Source, sensor_from_toml
 from .check import check_flight

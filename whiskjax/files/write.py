@@ -112,7 +112,7 @@ def flight_files(flight: Flight) -> dict[str, str]:
     world: dict[str, Any] = {"kind": flight.world.kind, "height_datum": flight.world.height_datum}
     if flight.world.origin is not None:
         world["origin"] = floats(flight.world.origin)
-    pos: dict[str, Any] = {"angles": "quaternion" if flight.world.kind == "local" else "roll_pitch_heading"}
+    pos: dict[str, Any] = {"angles": "quaternion" if flight.world.is_flat else "roll_pitch_heading"}
     if flight.reference_point:
         pos["reference_point"] = flight.reference_point
     if (gap := max_gap_s(flight.sensor)) is not None:
@@ -154,7 +154,7 @@ def _lines(flight: Flight) -> str:
 def _points(flight: Flight) -> str:
     points = flight.points
     sigma = dict(zip(SIGMAS, (exact(c) for c in np.asarray(points.sigma_enu_m).T), strict=True))
-    position = position_texts(np.asarray(points.position_m), flight.world.kind)
+    position = position_texts(np.asarray(points.position_m), flight.world)
     return table_text({"point": list(points.names)} | position | sigma | {"role": list(points.roles)})
 
 

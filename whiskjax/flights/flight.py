@@ -4,61 +4,21 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..chain.lines import LineTimes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..earth.ellipsoid import ecef_to_geodetic
-from ..earth.frames import enu_rotation
-from ..earth.surface import AbstractSurface, HeightSurface, Plane
+from ..earth.world import WGS84, World
 from ..estimate.block.block import ROLES, Block
 from ..estimate.block.pos_errors import PosErrors
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
 from ..locate.noise import FrameNoise
-from ..rules import Arrays, FlightError, Numbers, need
+from ..rules import Arrays, FlightError, need
 from .line_sigmas import ground_height_m, sigma_px, where_seen
-
-
-@dataclasses.dataclass(frozen=True)
-class World:
-    """What coordinates mean: ECEF WGS-84 ("wgs84"), or a local Cartesian frame x east, y north, z up ("local").
-
-    A local world may state its geodetic origin: latitude and longitude in degrees, ellipsoidal height in metres.
-    """
-
-    kind: str = "wgs84"
-    origin: tuple[float, float, float] | None = None
-    height_datum: str = "ellipsoidal"
-
-    def __post_init__(self):
-        if self.kind not in ("wgs84", "local"):
-            raise FlightError(f"the world is 'wgs84' or 'local', not {self.kind!r}")
-        if self.origin is not None:
-            place = "latitude and longitude in degrees, height in metres"
-            lat, lon, _ = Arrays("World").take("origin", self.origin, "3", finite=True, meaning=place)
-            if not (abs(lat) <= 90 and abs(lon) <= 360):
-                raise FlightError(f"World: origin is latitude and longitude in degrees and height in metres, not {self.origin}")
-        if self.height_datum != "ellipsoidal":
-            raise FlightError(f"height_datum {self.height_datum!r}: heights are ellipsoidal; convert them with your geoid first")
-
-    def from_enu(self, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-        """Rotations that take east, north, up at world positions to the world's axes; any rotation where a position is NaN."""
-        if self.kind == "local" or len(position_m) == 0:
-            return np.broadcast_to(np.eye(3), (len(position_m), 3, 3))
-        return np.asarray(_ecef_from_enu(np.nan_to_num(position_m, nan=6.4e6)))
-
-    def height_m(self, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Ellipsoidal heights of world positions; z of a local world."""
-        return position_m[:, 2] if self.kind == "local" else np.asarray(_height_m(position_m))
-
-    def surface(self, height_m: float) -> AbstractSurface:
-        """All points of one height."""
-        return Plane((0.0, 0.0, height_m), (0.0, 0.0, 1.0)) if self.kind == "local" else HeightSurface(height_m)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,7 +125,7 @@ class Flight:
     unknowns: Sequence[Unknown] = ()
     noise: Sequence[FrameNoise] = ()
     pos_errors: PosErrors | None = None
-    world: World = World()
+    world: World = WGS84
     epoch: str = ""
     reference_point: str = ""
     notes: str = ""
@@ -320,18 +280,13 @@ class Flight:
             where[rest] = where_seen(self, rest, whose, lambda: ground_height_m(self, rest))
         return where
 
+    def control_height_m(self, other_than: Sequence[int] = ()) -> float | None:
+        """Mean ellipsoidal height (z of a local world) of the control points, some (indices) left aside; None without any."""
+        control = np.asarray(self.points.roles) == "control"
+        control[list(other_than)] = False
+        return float(self.world.height_m(self.points.position_m[control]).mean()) if control.any() else None
+
     def point_covariance_m2(self) -> Float[np.ndarray, "n 3 3"]:
         """Covariance of the points' coordinates in the world frame, from their east, north, up sigmas."""
         axes = self.world.from_enu(self.points.position_m)
         return np.einsum("nij,nj,nkj->nik", axes, np.asarray(self.points.sigma_enu_m) ** 2, axes)
-
-
-@jax.jit
-def _height_m(point_m: Float[Numbers, "n 3"]) -> Float[Array, " n"]:
-    return ecef_to_geodetic(point_m)[2]
-
-
-@jax.jit
-def _ecef_from_enu(point_m: Float[Numbers, "n 3"]) -> Float[Array, "n 3 3"]:
-    lat, lon, _ = ecef_to_geodetic(point_m)
-    return enu_rotation(lat, lon)

@@ -127,11 +127,7 @@ class Adjusted:
     @cached_property
     def plan_m(self) -> Float[np.ndarray, "points 2"]:
         """East and north of every adjusted point: of the local world, or from the middle of the block."""
-        point = self.adjustment.point_m
-        if self.flight.world.kind == "local":
-            return point[:, :2]
-        middle = np.nanmean(point, axis=0)
-        return ((point - middle) @ self.flight.world.from_enu(middle[None])[0])[:, :2]
+        return self.flight.world.plan_m(self.adjustment.point_m)
 
     @cached_property
     def ground_m(self) -> Float[np.ndarray, "rays 2"]:

@@ -33,7 +33,7 @@ def _write_points(path: Path, adjusted: Adjusted) -> None:
     """One row a point, in the coordinates of points.csv; blank where nobody sees it."""
     block = adjusted.block
     rays = np.bincount(block.point[adjusted.adjustment.used], minlength=len(block.role))
-    position = position_texts(adjusted.adjustment.point_m, adjusted.flight.world.kind)
+    position = position_texts(adjusted.adjustment.point_m, adjusted.flight.world)
     header = ("point", "role", "rays", *position, *(f"{kind}_{axis}_m" for kind in ("sigma", "error") for axis in "enu"))
     figures = np.concatenate([adjusted.sigma_enu_m, adjusted.error_enu_m], axis=1)
     names = zip(block.points, block.role.tolist(), rays.tolist(), *position.values(), strict=True)

@@ -8,11 +8,8 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from ...earth.ellipsoid import ecef_to_geodetic
 from ...estimate.diagnosis import UNLIKELY, chi_square_tail
-from ...rules import Numbers
 from ...rules.results import codes_of, message_of
 from ..plain import Summary, number, probability, versions
 from ..scales import in_words, one_sizes, units_in_words
@@ -49,10 +46,10 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
         "gate_probability": sighting.gate,
         "guess": {
             "surface_height_m": sighting.surface_height_m,
-            **position(sighting, sighting.guess.point_m),
+            **sighting.flight.world.position(sighting.guess.point_m),
             "sigma_enu_m": np.sqrt(np.diag(np.asarray(sighting.guess.covariance_enu_m2))).tolist(),
         },
-        "position": position(sighting, location.point_m) if answered else None,
+        "position": sighting.flight.world.position(location.point_m) if answered else None,
         "covariance_enu_m2": np.asarray(location.covariance_enu_m2).tolist() if answered else None,
         "sigma_enu_m": np.sqrt(np.diag(np.asarray(location.covariance_enu_m2))).tolist() if answered else None,
         "accuracy": _accuracy(sighting) if answered else None,
@@ -68,14 +65,6 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
     }
     data["verdict"] = _verdict(sighting, data)
     return data
-
-
-def position(sighting: Sighting, point_m: Float[Numbers, "3"]) -> dict[str, float]:
-    """A point of the world in the coordinates of its files: degrees and ellipsoidal metres, or local metres."""
-    if sighting.flight.world.kind == "local":
-        return dict(zip(("x_m", "y_m", "z_m"), np.asarray(point_m).tolist(), strict=True))
-    lat, lon, height = ecef_to_geodetic(point_m)
-    return {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": float(height)}
 
 
 def _accuracy(sighting: Sighting) -> Summary:
@@ -98,7 +87,7 @@ def _truth(sighting: Sighting) -> Summary:
     spread = np.asarray(sighting.location.covariance_enu_m2) + sighting.truth_covariance_enu_m2
     nees = float(error @ np.linalg.solve(spread, error))
     return {
-        **position(sighting, sighting.truth_m),  # pyright: ignore[reportArgumentType]
+        **sighting.flight.world.position(sighting.truth_m),  # pyright: ignore[reportArgumentType]
         "error_enu_m": error.tolist(),
         "error_horizontal_m": float(np.hypot(*error[:2])),
         "error_m": float(np.linalg.norm(error)),
@@ -116,7 +105,7 @@ def _line(sighting: Sighting) -> Summary:
     east, north, up = np.asarray(location.line_direction) @ np.asarray(location.world_from_enu)
     east, north, up = (-1.0 if up < 0 else 1.0) * np.array([east, north, up])
     return {
-        **{key: number(value) for key, value in position(sighting, location.line_m).items()},
+        **{key: number(value) for key, value in sighting.flight.world.position(location.line_m).items()},
         "azimuth_deg": number(math.degrees(math.atan2(east, north)) % 360),
         "elevation_deg": number(math.degrees(math.atan2(up, math.hypot(east, north)))),
         "sigma_m": number(location.line_sigma_m),

@@ -11,7 +11,6 @@ from ..scales import axes_in, caption, one_keys, scale_columns, scale_values
 from ..sheets import write_csv
 from ..tables import Cell, Table, decimals_among, decimals_of, fixed, short
 from .sighting import Sighting
-from .summary import position
 
 _M_PER_DEG = 111_320.0
 _NAMES = {
@@ -174,7 +173,7 @@ def write_looks(path: Path, sighting: Sighting) -> None:
     Of a line camera x is along the detector line and y across it, in focal-plane pixels; `innovation_y_lines` counts lines.
     """
     found, time = sighting.location.looks, sighting.time_s
-    coordinates = list(position(sighting, sighting.guess.point_m))
+    coordinates = list(sighting.flight.world.position(sighting.guess.point_m))
     header = ("look", "image", "time_s", "state", "innovation_x_px", "innovation_y_px", "sigma_x_px", "sigma_y_px", "nis")
     header = (*header, *coordinates, "sigma_e_m", "sigma_n_m", "sigma_u_m")
     header = (*header, *scale_columns(sighting.flight.is_line, "innovation_{}_{}"))
@@ -184,7 +183,7 @@ def write_looks(path: Path, sighting: Sighting) -> None:
     scaled = scale_values(sighting.scales, innovation)
 
     def row(i: int) -> list:
-        estimate = [*position(sighting, point_m[i]).values(), *sigma_m[i]] if sighting.is_answered else [math.nan] * 6
+        estimate = [*sighting.flight.world.position(point_m[i]).values(), *sigma_m[i]] if sighting.is_answered else [math.nan] * 6
         figures = (*innovation[i], *sigma_px[i], nis[i], *estimate, *scaled[i])
         names = [i, sighting.images[i], None if time is None else number(time[i]), str(sighting.state[i])]
         return [*names, *(number(value) for value in figures)]
