@@ -2,7 +2,6 @@
 
 import fnmatch
 import math
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,11 +15,8 @@ from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
-    from ..earth.surface import AbstractSurface
     from ..estimate.unknown import Unknown
     from ..flights.flight import Flight
-    from ..locate.guess import Guess
-    from ..locate.looks import Looks
     from ..show.plain import Summary
     from ..show.style import Drawing
     from ..show.target.sighting import Sighting
@@ -35,9 +31,6 @@ _OURS = (
     "innovations.png",
     *_MAPS,
 )
-_SIGMA_UP_M = 1500.0  # of the first guess (Liu et al. 2019, equation 19) ...
-_SHARE_OF_HEIGHT = 1 / 3  # ... or of the platform's height above it, if that is less
-_LEAST_SLANT = 0.2
 _FAR_M = 1e9  # no target is so little known
 
 
@@ -174,7 +167,9 @@ def _locate(
 ) -> "Sighting":
     import numpy as np
 
+    from ..locate.guess import first_guess
     from ..locate.locate import locate as solve
+    from ..locate.slant_guess import slant_guess
     from ..show.target.sighting import Sighting
 
     looks, measurement = flight.looks(points, height)
@@ -182,14 +177,27 @@ def _locate(
     if (np.diff(measurement) < 0).any():
         remarks.append("the looks were not in the order of time in observations.csv; they were sorted")
     if height is None:
-        height = _control_height(flight, points)
+        height = flight.control_height_m(points)
+        if height is None:
+            raise FlightError(
+                "--height is needed: the flight has no control points, beside the target, whose mean height could stand for the "
+                "target's; give the ellipsoidal height in metres at which the first look is to be cut for a first guess: "
+                "--height 500"
+            )
         remarks.append(f"the first look was cut at the mean height of the control points, {height:.1f} m (--height sets another)")
-    surface = _surface(flight, height)
+    surface = flight.world.surface(height)
     try:
-        guess, said = _guess(flight, looks, surface, sigma_enu)
+        if sigma_enu is None:
+            guess, off_vertical_rad = slant_guess(flight.sensor, looks, surface)
+            across, _, up = np.sqrt(np.diag(guess.covariance_enu_m2))
+            remarks.append(
+                f"the first guess was given 1-sigmas of {across:g} m east and north and {up:g} m up, as its look is "
+                f"{np.degrees(off_vertical_rad):.0f} deg off the vertical (--sigma-enu sets others)"
+            )
+        else:
+            guess = first_guess(flight.sensor, looks, surface, np.array(sigma_enu))
     except SensorError as error:
         raise SensorError(f"{error}; it was cut at a height of {height:g} m, and --height sets another") from error
-    remarks += said
     location = solve(
         flight.sensor,
         looks,
@@ -217,63 +225,6 @@ def _locate(
         estimated=len(estimated),
         remarks=remarks,
     )
-
-
-def _control_height(flight: "Flight", points: Sequence[int]) -> float:
-    """Mean height of the control points other than the target's own."""
-    import jax
-    import numpy as np
-
-    from ..earth.ellipsoid import ecef_to_geodetic
-
-    control = [i for i, role in enumerate(flight.points.roles) if role == "control" and i not in points]
-    if not control:
-        raise FlightError(
-            "--height is needed: the flight has no control points, beside the target, whose mean height could stand for the "
-            "target's; give the ellipsoidal height in metres at which the first look is to be cut for a first guess: --height 500"
-        )
-    position = np.asarray(flight.points.position_m)[control]
-    if flight.world.kind == "local":
-        return float(position[:, 2].mean())
-    return float(np.asarray(jax.vmap(ecef_to_geodetic)(position)[2]).mean())
-
-
-def _surface(flight: "Flight", height: float) -> "AbstractSurface":
-    from ..earth.surface import HeightSurface, Plane
-
-    return Plane((0.0, 0.0, height), (0.0, 0.0, 1.0)) if flight.world.kind == "local" else HeightSurface(height)
-
-
-def _guess(
-    flight: "Flight", looks: "Looks", surface: "AbstractSurface", sigma_enu: tuple[float, float, float] | None
-) -> tuple["Guess", list[str]]:
-    """Where the first look meets the surface; without sigmas, those that follow from how slant it is, and a remark about them.
-
-    A height that is wrong by one sigma moves the place by that times the tangent of the angle between the ray and the vertical.
-    """
-    import numpy as np
-
-    from ..algebra.vectors import unstack
-    from ..locate.guess import Guess, first_guess
-
-    if sigma_enu is not None:
-        return first_guess(flight.sensor, looks, surface, np.array(sigma_enu)), []
-    guess = first_guess(flight.sensor, looks, surface, np.ones(3))
-    first = int(np.argmin(np.asarray(looks.is_missed)))
-    platform = [np.broadcast_to(np.asarray(c), len(looks))[first] for c in flight.sensor.pose(looks.shot).translation]
-    away = np.array(platform) - np.asarray(guess.point_m)
-    up = np.array([float(row[2]) for row in surface.level(unstack(guess.point_m))])
-    rise = float(abs(away @ up))
-    slant = float(np.linalg.norm(away - (away @ up) * up)) / rise
-    sigma_up = min(_SIGMA_UP_M, _SHARE_OF_HEIGHT * rise)
-    # Two digits are enough for what is known so badly.
-    across, sigma_up = (float(f"{s:.2g}") for s in (sigma_up * max(slant, _LEAST_SLANT), sigma_up))
-    angle = np.degrees(np.arctan(slant))
-    said = (
-        f"the first guess was given 1-sigmas of {across:g} m east and north and {sigma_up:g} m up, as its look is "
-        f"{angle:.0f} deg off the vertical (--sigma-enu sets others)"
-    )
-    return Guess.around(guess.point_m, np.array([across, across, sigma_up])), [said]
 
 
 def _command(
@@ -316,7 +267,7 @@ def _write_maps(folder: Path, sighting: "Sighting", summary: "Summary") -> "Summ
     from ..files.located import LocatedTarget, write_geojson, write_kml
     from ..show.target.summary import properties
 
-    if sighting.flight.world.kind == "local":
+    if sighting.flight.world.is_flat:
         return {"written": [], "reason": "maps need latitude and longitude, and this flight lies in a local world"}
     if not sighting.is_answered:
         return {"written": [], "reason": "there is no answer to show"}
