@@ -82,13 +82,13 @@ def batch(model: Model, prior: Belief) -> tuple[jax.Array, jax.Array]:
 
 def locate(full: bool, of: Solve = extended) -> Callable[[Drawn], Any]:
     """A pure function of runs in chunks; what `of` returns of each gets (runs,) as first axis."""
-    start, noise, surface = guess(), tianshan.noise() if full else (), wj.HeightSurface(0.0)
+    start, errors, surface = guess(), tianshan.frame_errors() if full else (), wj.HeightSurface(0.0)
 
     def one(data: Drawn) -> Any:
         recorded, pixel_px = data
         looks = wj.Looks(wj.Shot(), pixel_px, (tianshan.PIXEL_SIGMA_PX,) * 2)
         sensor, nuisance = gather(tianshan.sensor(recorded), (), ())
-        return of(*Problem(sensor, looks, start, surface, noise, nuisance, None).pose())
+        return of(*Problem(sensor, looks, start, surface, errors, nuisance, None).pose())
 
     def every(data: Drawn) -> Any:
         found = jax.lax.map(jax.vmap(one, in_axes=-1), data)

@@ -24,8 +24,18 @@ from whiskjax.chain.samples import quaternions_from_matrices
 from whiskjax.estimate.block.begin import begin
 from whiskjax.estimate.block.prepare import Prepared, State, prepare
 from whiskjax.estimate.block.solve import Reduced, _step, reduce
+from whiskjax.estimate.block.station_errors import at_stations
 from whiskjax.flights import songshan
-from whiskjax.flights.songshan_draw import CENTRE_PX, FOCAL_PX, VIEW_RAD, start_s
+from whiskjax.flights.songshan_draw import (
+    ATTITUDE_CORRELATION_S,
+    ATTITUDE_SIGMA_RAD,
+    CENTRE_PX,
+    FOCAL_PX,
+    POS_CORRELATION_S,
+    POS_SIGMA_M,
+    VIEW_RAD,
+    start_s,
+)
 
 from .own_process import in_own_process
 from .peers import ceres_block
@@ -47,18 +57,20 @@ class Posed(NamedTuple):
     start_m: np.ndarray
 
     @property
-    def errors(self) -> wj.PosErrors:
+    def errors(self) -> tuple[wj.FrameErrors, ...]:
         """What is known of POS."""
-        return wj.PosErrors(**songshan.pos_errors(self.scene))
+        return songshan.frame_errors(self.scene)
 
     def prepared(self) -> Prepared:
         """In tiles, on the device."""
-        return prepare(self.sensor, self.block, songshan.unknowns(self.scene), self.errors, self.start_m)
+        return prepare(
+            self.sensor, self.block, songshan.unknowns(self.scene), at_stations("block", self.errors, self.sensor), self.start_m
+        )
 
     def adjusted(self, retime: bool = True) -> wj.Adjustment:
         """By `wj.adjust`, which intersects the rays once more; without `retime` it is the block that the peers are given."""
         unknowns = songshan.unknowns(self.scene)
-        return wj.adjust(self.sensor, self.block, unknowns, pos_errors=self.errors, retime=retime)
+        return wj.adjust(self.sensor, self.block, unknowns, errors=self.errors, retime=retime)
 
 
 @cache
@@ -70,7 +82,7 @@ def posed(ties: int) -> Posed:
 def pose(scene: songshan.Scene) -> Posed:
     """Seed 0 of a scene."""
     drawn = songshan.draw(scene, 0)
-    sensor, start_m = begin(drawn.sensor, drawn.block, wj.PosErrors(**songshan.pos_errors(scene)))
+    sensor, start_m = begin(drawn.sensor, drawn.block, at_stations("block", songshan.frame_errors(scene), drawn.sensor))
     return Posed(scene, sensor, drawn.block, start_m)
 
 
@@ -83,10 +95,9 @@ def for_peer(at: Posed) -> BlockArrays:
     nodes = math.ceil(songshan.STRIP_S / at.scene.spacing_s) + 1
     first, weight = lagrange((time_s - start_s(strips)[strip]) / at.scene.spacing_s, nodes)
 
-    errors = songshan.pos_errors(at.scene)
     row, prior_node, coefficient = _forgetting(
-        np.array([*errors["turn_sigma_rad"], *errors["shift_sigma_m"]]),
-        np.exp(-at.scene.spacing_s / np.array([*errors["turn_correlation_s"], *errors["shift_correlation_s"]])),
+        np.array([*ATTITUDE_SIGMA_RAD, *POS_SIGMA_M]),
+        np.exp(-at.scene.spacing_s / np.array([*ATTITUDE_CORRELATION_S, *POS_CORRELATION_S])),
         strips,
         nodes,
     )

@@ -55,7 +55,6 @@ from .estimate.block.adjust import adjust as adjust
 from .estimate.block.adjustment import Adjustment as Adjustment
 from .estimate.block.block import Block as Block
 from .estimate.block.direct import direct_positioning as direct_positioning
-from .estimate.block.pos_errors import PosErrors as PosErrors
 from .estimate.block.two_step import TwoStep as TwoStep
 from .estimate.block.two_step import two_step as two_step
 from .estimate.blunders import Blunders as Blunders
@@ -63,6 +62,8 @@ from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate
 from .estimate.consistency import nees as nees
 from .estimate.consistency import nees_band as nees_band
+from .estimate.errors import FrameErrors as FrameErrors
+from .estimate.errors import draw_errors as draw_errors
 from .estimate.intersection import intersect as intersect
 from .estimate.losses import AbstractLoss as AbstractLoss
 from .estimate.losses import Cauchy as Cauchy
@@ -87,7 +88,6 @@ from .locate.locate import locate as locate
 from .locate.location import Location as Location
 from .locate.looks import Looks as Looks
 from .locate.motion import ConstantVelocity as ConstantVelocity
-from .locate.noise import FrameNoise as FrameNoise
 from .rules import RESULTS as RESULTS
 from .rules import FlightError as FlightError
 from .rules import SensorError as SensorError
@@ -161,7 +161,6 @@ __all__ = [
     "Adjustment",
     "Block",
     "direct_positioning",
-    "PosErrors",
     "TwoStep",
     "two_step",
     "Blunders",
@@ -173,6 +172,8 @@ __all__ = [
     "AbstractLoss",
     "Cauchy",
     "Huber",
+    "draw_errors",
+    "FrameErrors",
     "motion_unknowns",
     "Observations",
     "Comparison",
@@ -186,7 +187,6 @@ __all__ = [
     "Location",
     "Looks",
     "ConstantVelocity",
-    "FrameNoise",
     "flights",
     "Flight",
     "read_flight",

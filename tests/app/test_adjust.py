@@ -72,7 +72,7 @@ def adjusted(whiskjax, strips, tmp_path_factory):
 def expected(strips):
     """The same by the public functions."""
     flight = wj.read_flight(strips)
-    return wj.adjust(flight.sensor, flight.block(), flight.unknowns, pos_errors=flight.pos_errors)
+    return wj.adjust(flight.sensor, flight.block(), flight.unknowns, errors=flight.errors)
 
 
 def test_a_sound_result_ends_in_zero_and_is_all_there(adjusted):
@@ -126,7 +126,7 @@ def test_the_adjusted_flight_needs_no_further_adjustment(adjusted, strips, expec
     np.testing.assert_array_equal(back.block().point, block.point)
     seen = wj.project(back.sensor, block.shot, expected.point_m[block.point]).pixel_px
     np.testing.assert_allclose(block.pixel_px - seen, expected.residual_px, rtol=0, atol=1e-6)
-    assert back.pos_errors == wj.read_flight(strips).pos_errors
+    assert back.errors == wj.read_flight(strips).errors != ()
 
 
 def test_limits_are_checked(adjusted):
@@ -270,7 +270,7 @@ def test_headings_at_180_degrees(copied, expected):
     heading, turn = turned(copied, -90.0)
     assert np.abs(np.diff(heading)).max() > 350
     flight = wj.read_flight(copied.path)
-    found = wj.adjust(flight.sensor, flight.block(), flight.unknowns, pos_errors=flight.pos_errors)
+    found = wj.adjust(flight.sensor, flight.block(), flight.unknowns, errors=flight.errors)
     np.testing.assert_allclose((found.value - expected.value) / expected.trust.sigma, 0.0, rtol=0, atol=1e-5)
     np.testing.assert_allclose(found.point_m, turn.apply(expected.point_m), rtol=0, atol=1e-6)
     assert found.variance_factor == pytest.approx(expected.variance_factor, rel=1e-8)

@@ -58,7 +58,7 @@ def directly(folder, points=(0,), **more):
     """The same by the public function, and its looks."""
     flight = wj.read_flight(folder)
     seen, _ = flight.looks(points)
-    given = {"surface": wj.HeightSurface(HEIGHT), "sigma_enu_m": np.array(SIGMA), "noise": flight.noise} | more
+    given = {"surface": wj.HeightSurface(HEIGHT), "sigma_enu_m": np.array(SIGMA), "errors": flight.errors} | more
     return wj.locate(flight.sensor, seen, **given), seen
 
 
@@ -225,7 +225,7 @@ scale = 0.05
 
 
 def test_unknowns_of_the_flight(whiskjax, copied, tmp_path):
-    copied.toml("[[noise]]", UNKNOWN + "\n[[noise]]")
+    copied.toml("[[error]]", UNKNOWN + "\n[[error]]")
     out = tmp_path / "out"
     assert whiskjax("locate", copied.path, "--out", out, *ASKED, "--estimate", "gimbal r*").exit_code == 0
     found, unknowns = json_of(out), wj.read_flight(copied.path).unknowns

@@ -56,7 +56,7 @@ def test_tianshan_is_the_flight_of_its_seed_and_path(whiskjax, tmp_path):
     flight, made = read_flight(tmp_path / "f"), tianshan.simulate(3, tianshan.Scene(path="fly", looks=5))
     assert flight.name == made.name and "fly" in flight.name
     np.testing.assert_array_equal(flight.measurements.sample_px, made.measurements.sample_px)
-    assert jax.tree.leaves(list(flight.noise)) == jax.tree.leaves(list(made.noise))
+    assert jax.tree.leaves(list(flight.errors)) == jax.tree.leaves(list(made.errors))
     assert whiskjax(*words).exit_code == 1 and whiskjax(*words, "--force").exit_code == 0
 
 
@@ -78,7 +78,7 @@ def test_songshan_is_the_flight_of_its_seed_and_set(whiskjax, tmp_path):
     result = whiskjax(*words)
     assert result.exit_code == 0 and "2 strips, 40 control, 14 check, 5 tie points" in result.stdout
     flight, made = read_flight(tmp_path / "f"), songshan.simulate(songshan.Scene("B", "paper-like", ties=5), 3)
-    assert flight.name == made.name and flight.pos_errors == made.pos_errors is not None
+    assert flight.name == made.name and flight.errors == made.errors != ()
     np.testing.assert_array_equal(flight.measurements.sample_px, made.measurements.sample_px)
     assert whiskjax(*words).exit_code == 1
 

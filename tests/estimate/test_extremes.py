@@ -70,12 +70,12 @@ def test_a_start_that_is_nowhere_near_its_prior(flight):
     [
         ("turn_sigma_rad", (1e200, 0.0, 0.0), "turn_sigma_rad is 1e.200"),
         ("shift_sigma_m", (1.0, 1.0, 1e-200), "the sigma of shift z is 1e-200"),
-        ("turn_correlation_s", (1.0, 1e200, 1.0), "the correlation time of turn y is 1e.200"),
+        ("correlation_s", (0.0, 1e200, 0.0, 0.0, 0.0, 0.0), "correlation_s of turn y is 1e.200"),
     ],
 )
-def test_pos_errors(field, value, match):
+def test_errors_of_a_frame(field, value, match):
     with pytest.raises(wj.WhiskjaxError, match=match):
-        R(POS, **{field: value})
+        wj.FrameErrors("photo", **{field: value}).check(frames()[0])
 
 
 @pytest.mark.parametrize("focal_px", [1e300, 1e160, 1e-300, np.inf])
@@ -94,7 +94,7 @@ def test_a_focal_length(flight, focal_px, throw):
     broken = eqx.tree_at(lambda s: s.camera.focal_px, sensor, np.asarray(focal_px))
     for start in (None, truth):
         with pytest.raises(wj.WhiskjaxError, match=r"adjust: camera.focal_px is "):
-            wj.adjust(broken, block, pos_errors=POS, start_m=start, throw=throw)
+            wj.adjust(broken, block, errors=POS, start_m=start, throw=throw)
     with pytest.raises(wj.WhiskjaxError, match=r"intersect: camera.focal_px is "):
         wj.intersect(broken, block.shot, block.pixel_px, block.point, throw=throw)
     looks = wj.Looks(wj.Shot(image=block.key("image")), block.pixel_px, np.ones(2))

@@ -86,6 +86,17 @@ def frames() -> wj.Flight:
     return _observed("every frame link", sensor, images, [0, 1, 2, 3, 3], [100.0, 2000, 1500, 2900, 7], world, 140.0)
 
 
+def _wandering() -> list[wj.FrameErrors]:
+    turn = np.radians((0.005, 0.0, 0.01)).tolist()
+    return [wj.FrameErrors("wave", turn, (0.05, 0.05, 0.08), (60.0, 60.0, 120.0, 0.0, 0.0, 0.0), anew="strip")]
+
+
+def _free() -> list[wj.FrameErrors]:
+    """Nothing was recorded; by how much the start may be off."""
+    start = wj.FrameErrors("body", np.radians((1.0, 1.0, 3.0)).tolist(), (50.0, 50.0, 80.0))
+    return [start, wj.FrameErrors("body", (np.inf,) * 3, (np.inf,) * 3, anew="image")]
+
+
 def _observed(name, sensor, images, image, line, world, height) -> wj.Flight:
     """Points below the sensor, seen exactly where they are."""
     n = len(image)
@@ -103,13 +114,11 @@ def _observed(name, sensor, images, image, line, world, height) -> wj.Flight:
             wj.Unknown("turn", f"{'arm' if line_camera else 'mount'}.angles_rad[1]", 0.001, np.radians(0.3)),
             wj.Unknown("other", "camera.fore.focal_px" if line_camera else "body.shift_m[1,2]", scale=2.0),
         ],
-        noise=[
-            wj.FrameNoise("body" if line_camera else "mount", np.radians([0.03, 0.0, 0.0801]), (0.1, 0.2, 0.0)),
-            wj.FrameNoise("scan" if line_camera else "body", shift_sigma_m=(0.0, 0.0, 0.3)),
+        errors=[
+            wj.FrameErrors("body" if line_camera else "mount", np.radians([0.03, 0.0, 0.0801]).tolist(), (0.1, 0.2, 0.0)),
+            wj.FrameErrors("scan" if line_camera else "mount", shift_sigma_m=(0.0, 0.0, 0.3), correlation_s=np.inf, axes="level"),
+            *(_wandering() if line_camera else _free()),
         ],
-        pos_errors=wj.PosErrors("wave", tuple(np.radians((0.005, 0.0, 0.01)).tolist()), (0.05, 0.05, 0.08), (60.0, 60.0, 120.0))
-        if line_camera
-        else wj.PosErrors("body", tuple(np.radians((1.0, 1.0, 3.0)).tolist()), (50.0, 50.0, 80.0), observed=False),
         world=world,
         epoch="2024-05-01T00:00:00Z",
         reference_point="antenna",

@@ -128,25 +128,41 @@ TOML = {
         ("[pos]", "[refraction]\npressure = 1.0\n\n[pos]"),
         ("flight.toml: refraction.pressure", "expected here: scale, wavelength_um"),
     ),
-    "noise of no frame": (
-        ("[pos]", '[[noise]]\nframe = "bdoy"\nshift_sigma_m = [1.0, 1.0, 1.0]\n\n[pos]'),
-        ("flight.toml: noise[0].frame", "no frame 'bdoy'", "did you mean 'body'", "the chain has body, flu"),
+    "errors of no frame": (
+        ("[pos]", '[[error]]\nframe = "bdoy"\nshift_sigma_m = [1.0, 1.0, 1.0]\n\n[pos]'),
+        ("flight.toml: error[0].frame", "no frame 'bdoy'", "did you mean 'body'", "the chain has body, flu"),
     ),
-    "negative noise": (
-        ("[pos]", '[[noise]]\nframe = "body"\nturn_sigma_deg = [0.1, -0.1, 0.1]\n\n[pos]'),
-        ("flight.toml: noise[0] (frame 'body').turn_sigma_deg[1]", "greater than or equal to 0", "-0.1"),
+    "negative errors": (
+        ("[pos]", '[[error]]\nframe = "body"\nturn_sigma_deg = [0.1, -0.1, 0.1]\n\n[pos]'),
+        ("flight.toml: error[0] (frame 'body').turn_sigma_deg[1]", "greater than or equal to 0", "-0.1"),
     ),
-    "noise of two axes": (
-        ("[pos]", '[[noise]]\nframe = "body"\nturn_sigma_deg = [0.1, 0.1]\n\n[pos]'),
-        ("noise[0] (frame 'body').turn_sigma_deg", "a list of 3 is expected"),
+    "errors of two axes": (
+        ("[pos]", '[[error]]\nframe = "body"\nturn_sigma_deg = [0.1, 0.1]\n\n[pos]'),
+        ("error[0] (frame 'body').turn_sigma_deg", "a list of 3 is expected"),
     ),
-    "noise without a sigma": (
-        ("[pos]", '[[noise]]\nframe = "body"\n\n[pos]'),
-        ("noise[0] (frame 'body')", "turn_sigma_deg, shift_sigma_m or both"),
+    "errors without a sigma": (
+        ("[pos]", '[[error]]\nframe = "body"\n\n[pos]'),
+        ("error[0] (frame 'body')", "turn_sigma_deg, shift_sigma_m or both"),
     ),
-    "key of [[noise]]": (
-        ("[pos]", '[[noise]]\nframe = "body"\nsigma_m = 1.0\n\n[pos]'),
-        ("noise[0] (frame 'body').sigma_m", "expected here: frame, turn_sigma_deg, shift_sigma_m"),
+    "key of [[error]]": (
+        ("[pos]", '[[error]]\nframe = "body"\nsigma_m = 1.0\n\n[pos]'),
+        ("error[0] (frame 'body').sigma_m", "expected here: frame, turn_sigma_deg, shift_sigma_m, correlation_s, anew, axes"),
+    ),
+    "the old table of noise": (
+        ("[pos]", '[[noise]]\nframe = "body"\nshift_sigma_m = [1.0, 1.0, 1.0]\n\n[pos]'),
+        ("flight.toml: noise: [[noise]] and [pos_errors] are one table now, [[error]]",),
+    ),
+    "the old table of POS errors": (
+        ("[pos]", '[pos_errors]\nlink = "body"\n\n[pos]'),
+        ("flight.toml: pos_errors: [[noise]] and [pos_errors] are one table now, [[error]]",),
+    ),
+    "the same errors twice": (
+        ("[pos]", 2 * '[[error]]\nframe = "body"\nshift_sigma_m = [1.0, 1.0, 1.0]\n\n' + "[pos]"),
+        ("error[1] (frame 'body')", "says exactly what one before it says"),
+    ),
+    "errors anew for what nobody knows": (
+        ("[pos]", '[[error]]\nframe = "body"\nshift_sigma_m = [1.0, 1.0, 1.0]\nanew = "day"\n\n[pos]'),
+        ("error[0] (frame 'body').anew", "'flight', 'strip', 'image', 'swing' or 'view'"),
     ),
     "upside down": (("x -y -z", "x y z"), ("observations.csv, line 2 (image L1, point L1-01)", "behind the camera", "signs")),
 }

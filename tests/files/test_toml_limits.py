@@ -44,16 +44,16 @@ def test_odd_values(folder, case):
         ("format = 1", "format = true", ("format", "1")),
         (
             "[pos]",
-            '[[noise]]\nframe = "body"\nturn_sigma_deg = [400.0, 0.0, 0.0]\n[pos]',
-            ("noise[0]", "turn_sigma_deg[0]", "360, not 400"),
+            '[[error]]\nframe = "body"\nturn_sigma_deg = [400.0, 0.0, 0.0]\n[pos]',
+            ("error[0]", "turn_sigma_deg[0]", "360 degrees at most are expected, or inf, not 400"),
         ),
         (
             "[pos]",
-            "".join(f'[[noise]]\nframe = "body"\nturn_sigma_deg = [{i}, 0.0, 0.0]\n' for i in (0.1, 0.2)) + "[pos]",
-            ("noise[1].frame: 'body' has a [[noise]] before",),
+            "".join(f'[[error]]\nframe = "body"\nturn_sigma_deg = [{i}, 0.0, 0.0]\n' for i in (0.1, 0.1)) + "[pos]",
+            ("error[1] (frame 'body')", "says exactly what one before it says"),
         ),
     ],
-    ids=["a flag for a number", "a sigma beyond a turn", "the noise of a frame twice"],
+    ids=["a flag for a number", "a sigma beyond a turn", "the same errors twice"],
 )
 def test_values_that_mean_something_else(folder, old, new, said):
     folder.toml(old, new).refused("flight.toml: ", *said)

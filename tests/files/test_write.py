@@ -75,18 +75,25 @@ def test_what_has_no_times_is_refused(frames, tmp_path, case):
         wj.write_flight(odd, tmp_path / "flight")
 
 
-NOISE = {
-    "each look": ([wj.FrameNoise("body", (np.array([1e-3, 2e-3]), 0, 0))], "noise of 'body': a sigma for each look has no form"),
-    "no frame": ([wj.FrameNoise("gimbal", (1e-3, 0, 0))], "no frame named 'gimbal'; there are body, mount"),
-    "one frame twice": ([wj.FrameNoise("body", (1e-3, 0, 0))] * 2, "noise of 'body' is there twice"),
+ERRORS = {
+    "each look": (
+        [wj.FrameErrors("body", (np.array([1e-3, 2e-3]), 0, 0))],
+        "errors of 'body': a sigma for each exposure has no form",
+    ),
+    "no frame": ([wj.FrameErrors("gimbal", (1e-3, 0, 0))], "no frame named 'gimbal'; there are body, mount"),
 }
 
 
-@pytest.mark.parametrize("case", NOISE)
-def test_noise_that_has_no_form_is_refused(frames, tmp_path, case):
-    noise, message = NOISE[case]
+@pytest.mark.parametrize("case", ERRORS)
+def test_errors_that_have_no_form_are_refused(frames, tmp_path, case):
+    errors, message = ERRORS[case]
     with pytest.raises(wj.FlightError, match=message):
-        wj.write_flight(dataclasses.replace(frames, noise=noise), tmp_path / "flight")
+        wj.write_flight(dataclasses.replace(frames, errors=errors), tmp_path / "flight")
+
+
+def test_the_same_errors_twice_are_no_flight(frames):
+    with pytest.raises(wj.WhiskjaxError, match=r"Flight: errors\[1\] of 'body' says exactly what one before it says"):
+        dataclasses.replace(frames, errors=[wj.FrameErrors("body", (1e-3, 0, 0)) for _ in range(2)])
 
 
 def test_nothing_is_left_of_a_failure(frames, tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ def pair(request, tmp_path_factory):
 
 
 def located(sensor, looks, noise):
-    return wj.locate(sensor, looks, surface=wj.HeightSurface(1000.0), sigma_enu_m=np.full(3, 1500.0), noise=noise)
+    return wj.locate(sensor, looks, surface=wj.HeightSurface(1000.0), sigma_enu_m=np.full(3, 1500.0), errors=noise)
 
 
 def test_is_the_first_run_of_draw(pair):
@@ -27,10 +27,10 @@ def test_is_the_first_run_of_draw(pair):
     scene, flight, back = pair
     recorded, pixel = jax.tree.map(lambda v: v[0], tianshan.draw(scene, 1, 4))
     aligned = wj.Looks(wj.Shot(time_s=tianshan.time_s(scene)), pixel, np.full(2, 2.0))
-    expected = located(tianshan.sensor(recorded), aligned, tianshan.noise())
+    expected = located(tianshan.sensor(recorded), aligned, tianshan.frame_errors())
     # 1e-9 m of ECEF rounding in each recorded position, spread by the weak geometry of 12 looks.
     for f, limit_m in ((flight, 1e-7), (back, 1e-6)):
-        found = located(f.sensor, f.looks([0])[0], f.noise)
+        found = located(f.sensor, f.looks([0])[0], f.errors)
         np.testing.assert_allclose(found.point_m, expected.point_m, rtol=0, atol=limit_m)
         np.testing.assert_allclose(found.covariance_enu_m2, expected.covariance_enu_m2, rtol=1e-9)
 

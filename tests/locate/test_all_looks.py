@@ -20,7 +20,7 @@ def paper(run):
 
 @pytest.fixture(scope="module")
 def full(run):
-    return run.locate(method="batch", noise=tianshan.noise())
+    return run.locate(method="batch", errors=tianshan.frame_errors())
 
 
 def test_with_constant_r_it_is_least_squares_of_scipy(run, paper):
@@ -68,6 +68,6 @@ def test_a_batch_has_one_answer_for_all_looks(full):
 def test_the_guess_hardly_matters(run, full):
     """A guess 500 m off moves the answer by less than a hundredth of a sigma."""
     moved = wj.Guess.around(run.anchor_m + 500 * run.anchor_m / np.linalg.norm(run.anchor_m), SIGMA_ENU_M)
-    other = run.locate(method="batch", noise=tianshan.noise(), guess=moved)
+    other = run.locate(method="batch", errors=tianshan.frame_errors(), guess=moved)
     away = np.asarray(full.world_from_enu).T @ (np.asarray(other.point_m) - np.asarray(full.point_m))
     assert (np.abs(away) < 0.01 * np.sqrt(np.diag(full.covariance_enu_m2))).all()

@@ -14,7 +14,7 @@ from whiskjax.flights import tianshan
 @pytest.mark.parametrize("method", ["extended", "batch"])
 def test_a_point_follows_pixels_and_sensor(method):
     run = draw(8, looks=12)
-    noise = tianshan.noise()
+    noise = tianshan.frame_errors()
 
     def located(x):
         """Two pixels beside one that was missed, the yaw of all records, the focal length, and the height of the guess."""
@@ -26,7 +26,7 @@ def test_a_point_follows_pixels_and_sensor(method):
         anchor = jnp.asarray(run.anchor_m)
         guess = wj.Guess.around(anchor + x[4] * anchor / jnp.linalg.norm(anchor), [1216.0, 1666.0, 1500.0])
         looks = wj.Looks(wj.Shot(time_s=run.time_s), pixel, (2.0, 2.0))
-        found = wj.locate(sensor, looks, guess=guess, noise=noise, method=method, throw=False)
+        found = wj.locate(sensor, looks, guess=guess, errors=noise, method=method, throw=False)
         return found.point_m - run.anchor_m
 
     # Metres; the point moves by 0.1 to 40 m. A batch ends its steps at rounding of ECEF, 1e-8 m.

@@ -7,7 +7,7 @@ from tests.locate.textbooks import MOTIONS, TABLE_1, assert_in_sigmas, enu, kalm
 from whiskjax.flights import tianshan
 
 RELINEARISED = {"extended": 0, "iterated": 5}
-CASES = {"paper": ((), np.zeros(MOTIONS)), "full": (tianshan.noise(), TABLE_1)}
+CASES = {"paper": ((), np.zeros(MOTIONS)), "full": (tianshan.frame_errors(), TABLE_1)}
 
 
 @pytest.fixture(scope="module", params=[(m, r) for m in RELINEARISED for r in CASES], ids="-".join)
@@ -15,7 +15,7 @@ def both(request, run):
     """Ours and the textbook's."""
     method, case = request.param
     noise, sigma_w = CASES[case]
-    found = run.locate(method=method, noise=noise, throw=False)
+    found = run.locate(method=method, errors=noise, throw=False)
     plain = kalman(run.image, run.pixel_px, np.zeros(3), run.prior, sigma_w=sigma_w, relinearised=RELINEARISED[method])
     return found, plain
 

@@ -12,7 +12,7 @@ from whiskjax.flights import tianshan
 
 @pytest.fixture(scope="module")
 def found(run):
-    return run.locate(method="extended", noise=tianshan.noise())
+    return run.locate(method="extended", errors=tianshan.frame_errors())
 
 
 def test_the_convergence_angle_is_the_largest_between_two_lines_of_sight(run, found):
@@ -25,7 +25,7 @@ def test_the_convergence_angle_is_the_largest_between_two_lines_of_sight(run, fo
     np.testing.assert_allclose(found.convergence_rad, angle(away), rtol=1e-9)
     pixel = run.pixel_px.copy()
     pixel[10:] = np.nan
-    few = run.locate(run.looks_at(pixel), method="extended", noise=tianshan.noise())
+    few = run.locate(run.looks_at(pixel), method="extended", errors=tianshan.frame_errors())
     away = run.chain.platform[:10] - np.asarray(few.point_m)
     np.testing.assert_allclose(few.convergence_rad, angle(away), rtol=1e-9)
 
@@ -33,11 +33,11 @@ def test_the_convergence_angle_is_the_largest_between_two_lines_of_sight(run, fo
 def test_looks_that_hardly_converge_are_said(run):
     pixel = run.pixel_px.copy()
     pixel[2:] = np.nan
-    few = run.locate(run.looks_at(pixel), method="extended", noise=tianshan.noise(), throw=False)
+    few = run.locate(run.looks_at(pixel), method="extended", errors=tianshan.frame_errors(), throw=False)
     assert 0.02 < float(few.convergence_rad) < 0.06
     pixel = np.full((40, 2), np.nan)
     pixel[::40] = 0.0
-    one = run.locate(run.looks_at(pixel), method="extended", noise=tianshan.noise(), throw=False)
+    one = run.locate(run.looks_at(pixel), method="extended", errors=tianshan.frame_errors(), throw=False)
     assert float(one.convergence_rad) < 1e-15
 
 

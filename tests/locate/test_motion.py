@@ -54,7 +54,7 @@ def pixels(run):
 
 def locate(run, pixels, acceleration=DENSITY_ENU, **options):
     motion = wj.ConstantVelocity(SIGMA_ENU_MPS, acceleration)
-    return run.locate(run.looks_at(pixels), motion=motion, noise=tianshan.noise(), throw=False, **options)
+    return run.locate(run.looks_at(pixels), motion=motion, errors=tianshan.frame_errors(), throw=False, **options)
 
 
 def prior_of(run, anchor_m, position):

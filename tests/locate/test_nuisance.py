@@ -43,7 +43,7 @@ class Biased:
 
     def locate(self, **options):
         looks = self.run.looks_at(self.pixel_px)
-        return self.run.locate(looks, sensor=self.sensor, noise=tianshan.noise(), throw=False, **options)
+        return self.run.locate(looks, sensor=self.sensor, errors=tianshan.frame_errors(), throw=False, **options)
 
     def prior(self, bias=None):
         return block_diag(self.run.prior, np.diag(SIGMA**2) if bias is None else bias)
@@ -109,7 +109,7 @@ def test_a_considered_bias_is_that_of_the_filter_with_rows_of_zero_gain(biased, 
 
 
 def test_considering_lies_between_ignoring_and_estimating(biased, estimated, considered):
-    ignored = biased.run.locate(biased.run.looks_at(biased.pixel_px), noise=tianshan.noise(), throw=False)
+    ignored = biased.run.locate(biased.run.looks_at(biased.pixel_px), errors=tianshan.frame_errors(), throw=False)
     sizes = [np.trace(f.looks.covariance_enu_m2[-1]) for f in (ignored, estimated, considered)]
     assert sizes[0] < sizes[1] < sizes[2]
     assert not ignored.is_sound and any("common to all looks" in said for said in ignored.warnings)

@@ -31,7 +31,7 @@ def without(pixel, looks):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_gross_errors_are_gated_and_listed_and_change_nothing(run, spoilt, method):
-    options = {"method": method, "noise": tianshan.noise(), "throw": False}
+    options = {"method": method, "errors": tianshan.frame_errors(), "throw": False}
     found = run.locate(run.looks_at(spoilt), gate=GATE, **options)
     assert found.gated == (7, 23)
     assert any("2 of 40 looks did not pass the gate: 7, 23" in said for said in found.warnings)
@@ -46,7 +46,7 @@ def test_gross_errors_are_gated_and_listed_and_change_nothing(run, spoilt, metho
 
 
 def test_the_gate_is_that_of_chi_square_with_two_freedoms(run, spoilt):
-    found = run.locate(run.looks_at(spoilt), gate=GATE, noise=tianshan.noise(), throw=False)
+    found = run.locate(run.looks_at(spoilt), gate=GATE, errors=tianshan.frame_errors(), throw=False)
     plain = kalman(run.image, spoilt, np.zeros(3), run.prior, sigma_w=TABLE_1, relinearised=5, gate=stats.chi2.isf(GATE, 2))
     np.testing.assert_array_equal(found.looks.passes, plain.nis <= stats.chi2.isf(GATE, 2))
     np.testing.assert_allclose(found.looks.nis, plain.nis, rtol=1e-5)
@@ -57,7 +57,7 @@ def test_the_gate_is_that_of_chi_square_with_two_freedoms(run, spoilt):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_gate_that_shuts_out_most_looks_makes_the_answer_unsound(run, method):
     pixel = run.pixel_px + np.where(np.arange(40)[:, None] % 3 > 0, [0.0, 5000.0], 0.0) * np.cos(np.arange(40))[:, None]
-    found = run.locate(run.looks_at(pixel), gate=GATE, method=method, noise=tianshan.noise(), throw=False)
+    found = run.locate(run.looks_at(pixel), gate=GATE, method=method, errors=tianshan.frame_errors(), throw=False)
     if len(found.gated) > 20:
         assert not found.is_consistent
     assert not found.is_sound
@@ -67,7 +67,7 @@ def test_a_gate_that_shuts_out_most_looks_makes_the_answer_unsound(run, method):
 def test_missed_looks_change_nothing_and_are_counted(run, method):
     missed = [0, 5, 6, 39]
     pixel = without(run.pixel_px, missed)
-    found = run.locate(run.looks_at(pixel), method=method, noise=tianshan.noise())
+    found = run.locate(run.looks_at(pixel), method=method, errors=tianshan.frame_errors())
     assert found.missed == 4 and found.freedom == 72
     assert any("4 of 40 looks have no measurement" in said for said in found.warnings)
     assert np.isnan(np.asarray(found.looks.innovation_px)[missed]).all()
@@ -87,7 +87,7 @@ def test_the_paper_s_filter_is_unsound_and_says_why(run):
     assert not found.is_consistent and not found.is_sound
     assert found.tail_probability < 1e-4
     assert any("errors of the recorded poses are missing" in said for said in found.warnings)
-    honest = run.locate(method="extended", noise=tianshan.noise(), throw=False)
+    honest = run.locate(method="extended", errors=tianshan.frame_errors(), throw=False)
     assert honest.is_sound and honest.warnings == ()
     np.testing.assert_allclose(honest.tail_probability, stats.chi2.sf(float(honest.chi_square), 80), rtol=1e-6)
 
@@ -100,13 +100,13 @@ RUNS = 400
 @pytest.fixture(scope="module")
 def runs(run):
     recorded, pixel = tianshan.draw(run.scene, RUNS, 11)
-    noise = tianshan.noise()
+    noise = tianshan.frame_errors()
 
     def one(recorded, pixel):
         looks = wj.Looks(wj.Shot(time_s=run.time_s), pixel, (2.0, 2.0))
         sensor = tianshan.sensor(recorded)
         paper = wj.locate(sensor, looks, guess=run.guess, method="extended")
-        return paper, wj.locate(sensor, looks, guess=run.guess, noise=noise)
+        return paper, wj.locate(sensor, looks, guess=run.guess, errors=noise)
 
     return recorded, pixel, jax.jit(jax.vmap(one))(recorded, pixel)
 
@@ -149,7 +149,7 @@ def test_jit_and_vmap_are_the_loop(run, runs):
         looks = run.looks_at(pixel[i])
         loop = (
             wj.locate(sensor, looks, method="extended", **options),
-            wj.locate(sensor, looks, noise=tianshan.noise(), **options),
+            wj.locate(sensor, looks, errors=tianshan.frame_errors(), **options),
         )
         for got, expected in zip(jax.tree.leaves(jax.tree.map(lambda a, i=i: a[i], batched)), jax.tree.leaves(loop), strict=True):
             np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6)

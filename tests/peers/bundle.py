@@ -74,8 +74,9 @@ class Bundle:
             role=np.full(points, "control"),
         )
         # The sigmas of poses that nothing observes only whiten.
-        poses = wj.PosErrors("photo", (0.1,) * 3, (1.0,) * 3, observed=False)
-        return wj.adjust(sensor, block, unknowns, pos_errors=poses, start_m=self.points_m)
+        start = wj.FrameErrors("photo", (0.1,) * 3, (1.0,) * 3)
+        free = wj.FrameErrors("photo", (np.inf,) * 3, (np.inf,) * 3)
+        return wj.adjust(sensor, block, unknowns, errors=[start, free], start_m=self.points_m)
 
 
 def poses_of(adjusted: wj.Adjustment) -> tuple[np.ndarray, Rotation]:

@@ -46,8 +46,9 @@ DBAT_SIGMA = np.array(
 def adjust_sxb(source: Path, out: Path) -> wj.Adjustment:
     """Poses known to 100 m and a few degrees, nothing recorded: control points alone hold the block."""
     flight = wj.read_flight(sxb.convert(source, out).folder)
-    coarse = wj.PosErrors("photo", turn_sigma_rad=(0.1,) * 3, shift_sigma_m=(100.0,) * 3, observed=False)
-    return wj.adjust(flight.sensor, flight.block(), pos_errors=coarse)
+    coarse = wj.FrameErrors("photo", turn_sigma_rad=(0.1,) * 3, shift_sigma_m=(100.0,) * 3)
+    free = wj.FrameErrors("photo", turn_sigma_rad=(np.inf,) * 3, shift_sigma_m=(np.inf,) * 3)
+    return wj.adjust(flight.sensor, flight.block(), errors=[coarse, free])
 
 
 def perturbed(flight: wj.Flight) -> wj.Sensor:
@@ -86,8 +87,8 @@ def adjust_ign(source: Path, out: Path, known: str) -> wj.Adjustment:
         block = dataclasses.replace(block, role=np.where(surveyed, "control", block.role), covariance_m2=covariance)
     else:
         unknowns[3] = dataclasses.replace(unknowns[3], mean=ign.FOCAL_PX, sigma=LABORATORY_PX, scale=None)
-    errors = wj.PosErrors("photo", turn_sigma_rad=(np.radians(POSE_DEG),) * 3, shift_sigma_m=(POSE_M,) * 3)
-    return wj.adjust(perturbed(flight), block, unknowns, pos_errors=errors)
+    errors = [wj.FrameErrors("photo", turn_sigma_rad=(np.radians(POSE_DEG),) * 3, shift_sigma_m=(POSE_M,) * 3)]
+    return wj.adjust(perturbed(flight), block, unknowns, errors=errors)
 
 
 def largest_sigma(found: wj.Adjustment, truth: Sequence[float]) -> float:

@@ -89,19 +89,19 @@ KINDS = {
     "one considered": (lambda: wj.calibrate(SENSOR, OBSERVATIONS, [UNKNOWN], consider=UNKNOWN), "consider is one Unknown"),
     "groups in a block": (lambda: wj.adjust(SENSOR, BLOCK, [UNKNOWN], reweigh=wj.Reweigh()), "adjust: reweigh is a Reweigh"),
     "observations for a block": (lambda: wj.adjust(SENSOR, OBSERVATIONS, [UNKNOWN]), "adjust: block is a Observations"),
-    "errors as a dict": (lambda: wj.adjust(SENSOR, BLOCK, [], pos_errors={}), "adjust: pos_errors is a dict, but PosErrors"),
+    "errors as a dict": (lambda: wj.adjust(SENSOR, BLOCK, [], errors={}), "adjust: errors is a dict, but Sequence"),
     "a block for direct": (lambda: wj.direct_positioning(SENSOR, OBSERVATIONS), "direct_positioning: block is a Observations"),
     "no errors in two steps": (
-        lambda: wj.two_step(SENSOR, BLOCK, [UNKNOWN], pos_errors=None, mounts=["lever"]),
-        "two_step: pos_errors is a NoneType",
+        lambda: wj.two_step(SENSOR, BLOCK, [UNKNOWN], errors=None, mounts=["lever"]),
+        "two_step: errors is a NoneType",
     ),
     "runs that are no pairs": (lambda: wj.calibrate_batch([SENSOR], [UNKNOWN]), "calibrate_batch: run 0 is a Sensor, but tuple"),
     "a link by its number": (lambda: wj.motion_unknowns(BIASED, "mount", shift_sigma_m=np.ones(3)), "mount is a Mount"),
     "a list of calibrations": (lambda: wj.compare([1, 2]), "compare: models is a list"),
     "calibrations that are none": (lambda: wj.compare({"a": 1, "b": 2}), r"compare: models\['a'\] is a int"),
     "looks that are none": (lambda: wj.locate(SENSOR, OBSERVATIONS), r"locate: looks is a Observations.*Looks\(shot, pixel_px"),
-    "a sigma as noise": (lambda: wj.locate(SENSOR, LOOKS, noise=0.1), "locate: noise is a float"),
-    "sigmas as noise": (lambda: wj.locate(SENSOR, LOOKS, noise=[0.1]), r"locate: noise\[0\] is a float, but FrameNoise"),
+    "a sigma as noise": (lambda: wj.locate(SENSOR, LOOKS, errors=0.1), "locate: errors is a float"),
+    "sigmas as noise": (lambda: wj.locate(SENSOR, LOOKS, errors=[0.1]), r"locate: errors\[0\] is a float, but FrameErrors"),
     "a point as guess": (lambda: wj.locate(SENSOR, LOOKS, guess=POINT_M), "locate: guess is a ndarray, but Guess"),
     "true for motion": (lambda: wj.locate(SENSOR, LOOKS, motion=True), "locate: motion is a bool, but ConstantVelocity"),
     "a time as shot of looks": (lambda: wj.Looks(np.arange(3.0), np.zeros((3, 2)), (1, 1)), "Looks: shot is a ndarray"),
@@ -131,8 +131,8 @@ SHAPES = {
         r"locate: looks.pixel_px has the batch shape \(3,\).*\(5,\) of sensor",
     ),
     "noise and looks": (
-        lambda: wj.locate(SENSOR, LOOKS, noise=[wj.FrameNoise("body", (np.ones(4), 0, 0))]),
-        r"locate: noise\[0\] has the batch shape \(4,\), which does not broadcast with \(3,\) of looks.pixel_px",
+        lambda: wj.locate(SENSOR, LOOKS, errors=[wj.FrameErrors("body", (np.ones(4), 0, 0))]),
+        r"locate: errors\[0\] has the batch shape \(4,\), which does not broadcast with \(3,\) of looks.pixel_px",
     ),
     "records of observations": (lambda: wj.calibrate(RECORDED, OBSERVATIONS, [FOCAL]), "body holds a record for each"),
     "records of rays": (lambda: wj.adjust(RECORDED, BLOCK, [FOCAL]), "adjust: body holds a record for each look"),
@@ -190,8 +190,8 @@ NUMBERS = {
     "frames in degrees": (lambda: wj.enu_rotation(0.7, 120.0), "enu_rotation: lon_rad is 120, beyond"),
     "mounts in degrees": (lambda: wj.Mount(angles_rad=(0.0, 0.0, 90.0)), r"Mount: angles_rad is 90 at index \(2,\), beyond"),
     "an index error in degrees": (lambda: wj.Turn("x", wj.Readings(0.0), zero_rad=45.0), "Turn: zero_rad is 45, beyond"),
-    "noise in degrees": (lambda: wj.FrameNoise("body", (0.0, 0.0, 8.0)), "FrameNoise: turn_sigma_rad is 8, beyond"),
-    "negative noise": (lambda: wj.FrameNoise("body", (0.0, 0.0, -1e-3)), "turn_sigma_rad is -0.001; it must be 0 or more"),
+    "noise in degrees": (lambda: wj.FrameErrors("body", (0.0, 0.0, 8.0)), "FrameErrors: turn_sigma_rad is 8, beyond"),
+    "negative noise": (lambda: wj.FrameErrors("body", (0.0, 0.0, -1e-3)), "turn_sigma_rad is -0.001; it must be 0 or more"),
     "a motion in degrees": (lambda: wj.motion_unknowns(BIASED, "bias", turn_sigma_rad=(9.0, 9.0, 9.0)), "turn_sigma_rad is 9 "),
     "a negative guess": (lambda: wj.Guess.around(POINT_M, (1.0, -1.0, 1.0)), r"Guess.around: sigma_enu_m is -1 at index \(1,\)"),
     "negative velocity": (lambda: wj.ConstantVelocity((1.0, 1.0, -1.0)), "sigma_enu_mps is -1 at"),
@@ -250,7 +250,7 @@ def test_what_looks_alike_is_taken():
     wj.Mount(angles_rad=(0.0, np.pi, -2 * np.pi))
     wj.geodetic_to_ecef(np.pi / 2, -np.pi, -1e4)
     wj.Observations(**(SEEN | {"pixel_px": np.zeros((3, 2), dtype=np.float32)}))  # as detectors of features give them
-    wj.PosErrors("body", (0.0, 0.0, 1e-3), (0.0, 0.0, 0.0))  # an axis that is kept
+    wj.FrameErrors("body", (0.0, 0.0, 1e-3), (0.0, 0.0, 0.0))  # an axis that is kept
     wj.PosePerImage(np.zeros((3, 3), dtype=int), QUATERNION)  # whole metres
     wj.project(SENSOR, EACH, np.ma.array(np.tile(POINT_M, (3, 1))), throw=False)  # nothing is masked
     assert np.isnan(wj.nees(np.ones((2, 1)), np.array([[[1.0]], [[np.nan]]]))).tolist() == [False, True]

@@ -239,7 +239,7 @@ TAKES = {
         {"sensor": SENSOR, "block": BLOCK, "unknowns": [UNKNOWN], "start_m": POINT_M[None]},
         {"start_m": POINT_M},
         "start_m",
-        "sensor block unknowns pos_errors blunders reweigh retime max_steps throw",
+        "sensor block unknowns errors blunders reweigh retime max_steps throw",
     ),
     "Block": Takes(
         RAYS,
@@ -256,12 +256,7 @@ TAKES = {
     ),
     "Block.keep": Takes({"self": BLOCK, "rays": [0]}, {"rays": np.ones(4, dtype=bool)}),
     "direct_positioning": Takes({"sensor": SENSOR, "block": BLOCK}, {}, others="sensor block ties"),
-    "PosErrors": Takes(
-        {"link": "body", "turn_sigma_rad": 1e-3 * THREE, "shift_sigma_m": THREE},
-        dict.fromkeys(("turn_sigma_rad", "shift_sigma_m", "turn_correlation_s", "shift_correlation_s"), 0.1 * TWO),
-        others="link observed",
-    ),
-    "two_step": Takes({}, {}, others="sensor block unknowns pos_errors mounts tolerance retime max_rounds"),
+    "two_step": Takes({}, {}, others="sensor block unknowns errors mounts tolerance retime max_rounds"),
     "Blunders": Takes({}, {"level": TWO, "most": TWO}),
     "calibrate": Takes({}, {}, others="sensor observations unknowns consider loss blunders reweigh max_steps throw"),
     "nees": Takes(
@@ -315,7 +310,7 @@ TAKES = {
     "locate": Takes(
         {"sensor": SENSOR, "looks": LOOKS, "sigma_enu_m": THREE},
         {"sigma_enu_m": TWO, "gate": TWO},
-        others="sensor looks guess surface noise method estimate consider motion throw",
+        others="sensor looks guess surface errors method estimate consider motion throw",
     ),
     "Looks": Takes(
         {"shot": EACH, "pixel_px": np.zeros((3, 2)), "sigma_px": TWO},
@@ -323,11 +318,16 @@ TAKES = {
         others="shot",
     ),
     "ConstantVelocity": Takes({"sigma_enu_mps": THREE}, {"sigma_enu_mps": TWO, "acceleration_enu": FOUR}),
-    "FrameNoise": Takes({"frame": "body"}, {"turn_sigma_rad": 0.1 * TWO, "shift_sigma_m": 1.0}, others="frame"),
+    "FrameErrors": Takes(
+        {"frame": "body"},
+        {"turn_sigma_rad": 0.1 * TWO, "shift_sigma_m": 1.0, "correlation_s": TWO},
+        others="frame anew axes",
+    ),
+    "draw_errors": Takes({}, {}, others="errors key shot sensor surface"),
     "Flight": Takes(
         {"name": "f", "sensor": SENSOR, "images": [Image("a")], "points": Points(**POINTS), "measurements": MEASURED},
         {},
-        others="name sensor images points measurements unknowns noise pos_errors world epoch reference_point notes",
+        others="name sensor images points measurements unknowns errors world epoch reference_point notes",
     ),
     "read_flight": Takes({}, {}, others="folder"),
     "write_flight": Takes({}, {}, others="flight folder overwrite"),
@@ -427,7 +427,7 @@ OTHERS: dict[str, dict[str, Any]] = {
         "sensor": SENSOR,
         "block": BLOCK,
         "unknowns": [UNKNOWN],
-        "pos_errors": wj.PosErrors("body", THREE, THREE),
+        "errors": [wj.FrameErrors("body", THREE, THREE)],
         "mounts": [],
     },
     "write_flight": {"flight": None, "folder": "nowhere"},
@@ -508,8 +508,8 @@ def test_a_sensor_that_is_batched_by_vmap_is_taken():
             "locate: guess says where the target may be, and so does sigma_enu_m",
         ),
         (
-            lambda: wj.locate(SENSOR, LOOKS, sigma_enu_m=THREE, noise=[wj.FrameNoise("body", 0.1 * THREE)] * 2),
-            r"locate: noise\[1\] is of 'body' as one before it",
+            lambda: wj.locate(SENSOR, LOOKS, sigma_enu_m=THREE, errors=[wj.FrameErrors("body", 0.1 * THREE)] * 2),
+            r"locate: errors\[1\] of 'body' says exactly what one before it says",
         ),
     ],
 )
@@ -520,9 +520,3 @@ def test_what_would_be_taken_for_something_else_is_refused(make, message):
 
 def test_s_per_line_takes_lists():
     np.testing.assert_array_equal(wj.LineTimes([0, 100], [0.0, 1.0]).s_per_line([1, 2]), [0.01, 0.01])
-
-
-def test_correlation_is_told_for_each_axis():
-    """None is white noise: of one axis, or of all."""
-    errors = wj.PosErrors("body", 0.1 * THREE, THREE, turn_correlation_s=[None, 60.0, 60.0])
-    assert errors.correlation_s == (None, 60.0, 60.0, None, None, None)

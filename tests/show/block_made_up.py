@@ -9,6 +9,7 @@ import whiskjax as wj
 from tests.files import made_up
 from whiskjax.estimate.block.adjustment import Adjustment, Trust
 from whiskjax.estimate.block.direct import Direct
+from whiskjax.estimate.block.station_errors import at_stations, has_stations
 from whiskjax.estimate.map_limits import Standard
 from whiskjax.estimate.variance_components import Components
 from whiskjax.flights import songshan
@@ -31,8 +32,10 @@ def adjusted(flight: Flight, **more) -> Adjusted:
     block, axes = flight.block(), flight.world.from_enu(flight.points.position_m)
     given = np.where(np.isfinite(flight.points.position_m), flight.points.position_m, block_middle(flight))
     error = rng.normal(0, 1, given.shape) * SIGMA_M
-    errors, q = flight.pos_errors, len(flight.unknowns)
-    stations = errors.stations(flight.sensor).stations
+    errors = tuple(one for one in flight.errors if has_stations(one, flight.sensor))
+    motions, q = at_stations("adjust", errors, flight.sensor), len(flight.unknowns)
+    assert motions is not None
+    stations = motions.stations(flight.sensor).stations
     sigma = np.array([x.size for x in flight.unknowns]) / 10
     fields = {
         "sensor": flight.sensor,
@@ -41,7 +44,8 @@ def adjusted(flight: Flight, **more) -> Adjusted:
         "start": sigma * 0,
         "trust": Trust(np.diag(sigma**2), sigma, np.abs(rng.normal(1e-4, 1e-5, (stations, 6))), np.full(q, 0.99)),
         "block": block,
-        "pos_errors": errors,
+        "errors": errors,
+        "motions": motions,
         "point_m": given + np.einsum("nij,nj->ni", axes, error),
         "covariance_m2": np.einsum("nij,j,nkj->nik", axes, SIGMA_M**2, axes),
         "residual_px": rng.normal(0, 1, block.pixel_px.shape) * block.sigma_px,
@@ -92,7 +96,7 @@ def _left_out() -> Adjusted:
 
 def _failed() -> Adjusted:
     nan = np.full((len(strips().points.names), 3, 3), np.nan)
-    stations = strips().pos_errors.stations(strips().sensor).stations
+    stations = strips().sensor["pos_error"].stations
     q = len(strips().unknowns)
     trust = Trust(np.full((q, q), np.nan), np.full(q, np.nan), np.full((stations, 6), np.nan), np.full(q, np.nan))
     return adjusted(strips(), covariance_m2=nan, trust=trust, result=wj.RESULTS.rank_deficient)
@@ -126,7 +130,7 @@ CASES = {
     "no check": lambda: dataclasses.replace(adjusted(with_roles(strips(), check="tie")), standard=LIMITS),
     "no control": lambda: adjusted(with_roles(strips(), control="tie")),
     "ties only": lambda: adjusted(with_roles(strips(), control="tie", check="tie")),
-    "trajectory kept": lambda: adjusted(strips(), pos_errors=None),
+    "trajectory kept": lambda: adjusted(strips(), errors=(), motions=None),
     "limits missed": lambda: dataclasses.replace(adjusted(strips()), standard=Standard("strict", 0.001, 10.0)),
     "not consistent": lambda: adjusted(strips(), variance_factor=4.0, tail_probability=0.0, is_consistent=False),
     "lines over the Earth": lambda: adjusted(_over_the_earth()),

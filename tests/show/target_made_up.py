@@ -26,7 +26,7 @@ def sighting(flight: Flight, method="iterated", gate=None, estimate=(), **more) 
     guess = wj.first_guess(flight.sensor, looks, wj.HeightSurface(1000.0), np.array([2300.0, 2300, 1500]))
     surface = wj.HeightSurface(1000.0)
     location = wj.locate(
-        flight.sensor, looks, guess=guess, surface=surface, noise=flight.noise, method=method, gate=gate, estimate=estimate,
+        flight.sensor, looks, guess=guess, surface=surface, errors=flight.errors, method=method, gate=gate, estimate=estimate,
         throw=False,
     )  # fmt: skip
     made = Sighting(flight, "target", points, looks, measurement, location, guess, 1000.0, method, gate, estimate, len(estimate))
@@ -62,7 +62,7 @@ CASES = {
     "one look": lambda: sighting(one_look()),
     "batch": lambda: sighting(flight(), method="batch"),
     "position unknown": lambda: sighting(unknown_position()),
-    "no noise": lambda: sighting(dataclasses.replace(flight(), noise=())),
+    "no noise": lambda: sighting(dataclasses.replace(flight(), errors=())),
     "an unknown": lambda: sighting(flight(), estimate=UNKNOWNS),
 }
 made = functools.cache(lambda case: CASES[case]())

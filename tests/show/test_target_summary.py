@@ -70,6 +70,6 @@ def test_unknowns_are_in_their_unit():
 
 
 def test_what_a_careful_person_would_say():
-    assert not any("[[noise]]" in warning for warning in summarise(made("sound"))["warnings"])
-    assert any("[[noise]]" in warning for warning in summarise(made("no noise"))["warnings"])
+    assert not any("[[error]]" in warning for warning in summarise(made("sound"))["warnings"])
+    assert any("[[error]]" in warning for warning in summarise(made("no noise"))["warnings"])
     assert any("did not pass the gate" in caution for caution in summarise(made("gated"))["verdict"]["cautions"])

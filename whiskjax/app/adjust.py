@@ -72,6 +72,7 @@ def adjust(
         stages.enter("read")
         from ..estimate.block.adjust import adjust as solve
         from ..estimate.block.direct import direct_positioning
+        from ..estimate.block.station_errors import has_stations
         from ..estimate.blunders import Blunders
         from ..files.read import read_flight
         from ..show.block.adjusted import Adjusted
@@ -84,7 +85,7 @@ def adjust(
             found.sensor,
             block,
             found.unknowns,
-            pos_errors=found.pos_errors,
+            errors=[one for one in found.errors if has_stations(one, found.sensor)],
             blunders=Blunders() if blunders else None,
             reweigh=reweigh,
             max_steps=max_steps,

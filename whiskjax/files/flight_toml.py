@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 
 NAME = "flight.toml"
 _MOST_ERRORS = 50
+_NOW_ERROR = (
+    "[[noise]] and [pos_errors] are one table now, [[error]] with frame, turn_sigma_deg, shift_sigma_m, correlation_s (0: new at "
+    'every exposure, inf: constant), anew ("strip", ...) and axes; infinite sigmas are poses that nobody observed'
+)
 
 
 def load_flight_toml(folder: Path) -> "FlightTable":
@@ -88,6 +92,8 @@ def _sentence(error: dict[str, Any], model: Any) -> str:
     keys = list(model.model_fields)
     if kind == "missing":
         return "this key is missing"
+    if kind == "extra_forbidden" and error["loc"] in (("noise",), ("pos_errors",)):
+        return _NOW_ERROR
     if kind == "extra_forbidden":
         return f"no such key{meant(error['loc'][-1], keys)}; expected here: {', '.join(keys)}"
     if kind == "union_tag_not_found":

@@ -8,12 +8,11 @@ from ..flights.flight import Flight
 from ..rules import FlightError, WhiskjaxError, need, require_x64
 from .chain_from_toml import Source, sensor_from_toml
 from .check import check_flight
+from .errors import errors_from_toml
 from .flight_toml import NAME, load_flight_toml
 from .images import images_of
 from .measured import measurements_of, points_of
-from .noise import noise_from_toml
 from .plain_names import check_names
-from .pos_errors import pos_errors_from_toml
 from .unknowns import unknowns_from_toml
 
 
@@ -52,8 +51,7 @@ def read_flight(folder: str | Path) -> Flight:
         points=points,
         measurements=measurements,
         unknowns=unknowns_from_toml(toml.unknown, sensor, source.first_centre),
-        noise=noise_from_toml(toml.noise, sensor),
-        pos_errors=pos_errors_from_toml(toml.pos_errors, sensor),
+        errors=errors_from_toml(toml.error, sensor),
         world=world,
         epoch=toml.epoch,
         reference_point=toml.pos.reference_point,

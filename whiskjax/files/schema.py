@@ -11,16 +11,30 @@ else:
 
 Field = pydantic.Field
 
+
+def _a_number(value: float) -> float:
+    if value != value:
+        raise ValueError("a number, or inf, is expected, not nan")
+    return value
+
+
+def _within_a_turn(value: float) -> float:
+    if 360 < value < float("inf"):
+        raise ValueError(f"360 degrees at most are expected, or inf, not {value:g}")
+    return value
+
+
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 # An angle, or how well one is known: more than a whole turn is another unit.
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 ThreeDegrees = Annotated[list[Degrees], Field(min_length=3, max_length=3)]
-SigmasDegrees = Annotated[list[Annotated[float, Field(ge=0, le=360)]], Field(min_length=3, max_length=3)]
 Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 Five = Annotated[list[float], Field(min_length=5, max_length=5)]
 Positive = Annotated[float, Field(gt=0)]
-Sigmas = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
+# inf is a pose that nobody recorded, or an error that is never forgotten.
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=True), pydantic.AfterValidator(_a_number)]
+SigmaDegrees = Annotated[NotNegative, pydantic.AfterValidator(_within_a_turn)]
 Sign = Literal[1, -1]
 Key = Literal["image", "swing", "view", "strip"]
 Interpolation = Literal["linear", "cubic"]
@@ -265,29 +279,21 @@ class UnknownTable(Model):
         return self
 
 
-class NoiseTable(Model):
-    """[[noise]]: how well the recorded pose of a frame is known at each look."""
+class ErrorTable(Model):
+    """[[error]]: how the recorded pose of a frame errs."""
 
     frame: str
-    turn_sigma_deg: SigmasDegrees | None = None
-    shift_sigma_m: Sigmas | None = None
+    turn_sigma_deg: Annotated[list[SigmaDegrees], Field(min_length=3, max_length=3)] | None = None
+    shift_sigma_m: Annotated[list[NotNegative], Field(min_length=3, max_length=3)] | None = None
+    correlation_s: NotNegative | Annotated[list[NotNegative], Field(min_length=6, max_length=6)] = 0.0
+    anew: Literal["flight", "strip", "image", "swing", "view"] = "flight"
+    axes: Literal["frame", "level"] = "frame"
 
     @pydantic.model_validator(mode="after")
-    def _has_a_sigma(self) -> "NoiseTable":
+    def _has_a_sigma(self) -> "ErrorTable":
         if self.turn_sigma_deg is None and self.shift_sigma_m is None:
             raise ValueError("turn_sigma_deg, shift_sigma_m or both are expected: three sigmas each, about or along x, y, z")
         return self
-
-
-class PosErrorsTable(Model):
-    """[pos_errors]: the motions of a link that an adjustment estimates, and how well POS knows them."""
-
-    link: str
-    turn_sigma_deg: SigmasDegrees
-    shift_sigma_m: Sigmas
-    turn_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
-    shift_correlation_s: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = None
-    observed: bool = True
 
 
 def _no_flag(value: object) -> object:
@@ -310,8 +316,7 @@ class FlightTable(Model):
     camera: AnyCamera
     refraction: RefractionTable | None = None
     unknown: list[UnknownTable] = Field(default_factory=list)
-    noise: list[NoiseTable] = Field(default_factory=list)
-    pos_errors: PosErrorsTable | None = None
+    error: list[ErrorTable] = Field(default_factory=list)
 
 
 ByLink.model_rebuild()
@@ -335,8 +340,7 @@ TABLES = {
     "pos": PosTable,
     "refraction": RefractionTable,
     "unknown": UnknownTable,
-    "noise": NoiseTable,
-    "pos_errors": PosErrorsTable,
+    "error": ErrorTable,
     "encoder": EncoderColumn,
     "basis": Basis,
 }

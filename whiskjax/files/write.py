@@ -11,14 +11,13 @@ import numpy as np
 from ..flights.flight import Flight
 from ..rules import FlightError, need, need_flags, require_x64
 from .chain_to_toml import Tables, camera_to_toml, chain_to_toml, focal_per_image, max_gap_s, refraction_to_toml
+from .errors import errors_to_toml
 from .flight_toml import NAME
 from .images import LINES
 from .measured import OBSERVATIONS, POINTS, SIGMA_LINE_PX, SIGMA_LINES, SIGMAS
 from .names import listed
 from .navigation import position_texts
-from .noise import noise_to_toml
 from .plain_names import check_names
-from .pos_errors import pos_errors_to_toml
 from .source import IMAGES
 from .tables import exact, table_text, texts
 from .toml_text import toml_text
@@ -122,8 +121,7 @@ def flight_files(flight: Flight) -> dict[str, str]:
     toml |= {"pos": pos, "chain": chain, "camera": camera}
     optional = {
         "unknown": [unknown_to_toml(u) for u in flight.unknowns] or None,
-        "noise": noise_to_toml(flight) or None,
-        "pos_errors": pos_errors_to_toml(flight),
+        "error": errors_to_toml(flight) or None,
         "refraction": refraction_to_toml(flight),
     }
     toml |= {key: value for key, value in optional.items() if value is not None}

@@ -12,11 +12,10 @@ from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..earth.world import WGS84, World
 from ..estimate.block.block import ROLES, Block
-from ..estimate.block.pos_errors import PosErrors
+from ..estimate.errors import FrameErrors, need_errors
 from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown, need_unknowns
 from ..locate.looks import Looks
-from ..locate.noise import FrameNoise
 from ..rules import Arrays, FlightError, need
 from .line_sigmas import ground_height_m, sigma_px, where_seen
 
@@ -113,8 +112,7 @@ class Measurements:
 class Flight:
     """Everything about a flight; `read_flight` and `write_flight` turn it from and into a folder.
 
-    `noise`: errors of the recorded poses that are new at every look, for `locate`. `pos_errors`: those that vary slowly, whose
-    course `adjust` estimates.
+    `errors`: how the recorded poses of frames err, by which `locate` weighs looks, and whose course `adjust` estimates.
     """
 
     name: str
@@ -123,8 +121,7 @@ class Flight:
     points: Points
     measurements: Measurements
     unknowns: Sequence[Unknown] = ()
-    noise: Sequence[FrameNoise] = ()
-    pos_errors: PosErrors | None = None
+    errors: Sequence[FrameErrors] = ()
     world: World = WGS84
     epoch: str = ""
     reference_point: str = ""
@@ -136,6 +133,7 @@ class Flight:
         for i, image in enumerate(self.images):
             need("Flight", f"images[{i}]", image, Image)
         need_unknowns("Flight", "unknowns", self.unknowns)
+        need_errors("Flight", self.errors)
         m, arrays = self.measurements, Arrays("Flight")
         for name, known in (("image", len(self.images)), ("point", len(self.points.names))):
             index = np.asarray(arrays.take_whole(f"measurements.{name}", getattr(m, name), "n"))

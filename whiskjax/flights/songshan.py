@@ -11,7 +11,7 @@ three lines; samples count to the left.
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +27,8 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.trajectory import Trajectory
 from ..estimate.block.block import Block
-from ..estimate.block.pos_errors import PosErrors
+from ..estimate.block.station_errors import at_stations
+from ..estimate.errors import FrameErrors
 from ..estimate.unknown import Unknown
 from ..rules import WhiskjaxError
 from ..rules.results import is_successful
@@ -167,18 +168,14 @@ def unknowns(scene: Scene) -> tuple[Unknown, ...]:
     return tuple(unknown for unknown in found if unknown.name not in GAUGE)
 
 
-def pos_errors(scene: Scene, white: bool = False) -> dict[str, Any]:
-    """The errors of POS as `PosErrors` takes them: sigmas of (3,) turn and shift, correlation times unless they are `white`.
+def frame_errors(scene: Scene, white: bool = False, scale: float = 1.0) -> tuple[FrameErrors, ...]:
+    """The errors of POS, anew in every strip: they wander, or are `white` at the nodes; sigmas are `scale` times the true ones.
 
     Vibration is left out: 0.0007 deg of 0.7 s, it passes between nodes and adds noise of 0.32 px to what is measured.
     """
-    return {
-        "link": "pos_error",
-        "turn_sigma_rad": tuple(ATTITUDE_SIGMA_RAD.tolist()),
-        "shift_sigma_m": tuple(POS_SIGMA_M.tolist()),
-        "turn_correlation_s": None if white else tuple(ATTITUDE_CORRELATION_S.tolist()),
-        "shift_correlation_s": None if white else tuple(POS_CORRELATION_S.tolist()),
-    }
+    turn, shift = ((scale * sigma).tolist() for sigma in (ATTITUDE_SIGMA_RAD, POS_SIGMA_M))
+    correlation = 0.0 if white else (*ATTITUDE_CORRELATION_S.tolist(), *POS_CORRELATION_S.tolist())
+    return (FrameErrors("pos_error", turn, shift, correlation, anew="strip"),)
 
 
 def draw(scene: Scene, seed: int) -> Drawn:
@@ -234,8 +231,10 @@ def draw(scene: Scene, seed: int) -> Drawn:
 
 
 def _matching(scene: Scene, recorded: Trajectory, rng: np.random.Generator) -> Sensor:
-    """The sensor that makes the images where recorded poses err by a draw from what `pos_errors` says of the corrections."""
-    laboratory, errors = sensor(scene, recorded), PosErrors(**pos_errors(scene))
+    """The sensor that makes the images where recorded poses err by a draw from what `frame_errors` says of the corrections."""
+    laboratory = sensor(scene, recorded)
+    errors = at_stations("songshan", frame_errors(scene), laboratory)
+    assert errors is not None  # there is a statement
     roots = errors.roots(laboratory)
     white = rng.standard_normal(roots.shape[:2])
     drawn = errors.sigma * np.stack([np.linalg.solve(root, w) for root, w in zip(roots, white, strict=True)], axis=-1)
@@ -282,7 +281,7 @@ def simulate(scene: Scene = Scene(), seed: int = 0) -> Flight:
             sigma_sample_px=block.sigma_px[:, 0],
         ),
         unknowns=unknowns(scene),
-        pos_errors=PosErrors(**pos_errors(scene)),
+        errors=frame_errors(scene),
         world=World("local", ORIGIN),
         epoch="2017-05-23T02:00:00Z" if scene.name == "A" else "2017-05-25T02:00:00Z",
         reference_point="GNSS antenna phase centre",

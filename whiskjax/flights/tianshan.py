@@ -21,7 +21,7 @@ from ..chain.sensor import Sensor
 from ..chain.trajectory import Trajectory
 from ..chain.turn import Encoder, Readings, Turn
 from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M, geodetic_to_ecef
-from ..locate.noise import FrameNoise
+from ..estimate.errors import FrameErrors
 from .flight import Flight, Image, Measurements, Points
 
 FOCAL_PX = 1e5  # 10 urad a pixel
@@ -117,12 +117,12 @@ def sensor(recorded: Recorded) -> Sensor:
     )
 
 
-def noise(errors: Errors = TABLE_1) -> tuple[FrameNoise, ...]:
-    """The errors of the records as white noise of frames; the platform is level, so yaw turns about the body's z axis."""
+def frame_errors(errors: Errors = TABLE_1) -> tuple[FrameErrors, ...]:
+    """The errors of the records, new at every look; the platform is level, so yaw turns about the body's z axis."""
     return (
-        FrameNoise("body", (errors.roll_rad, errors.pitch_rad, errors.yaw_rad), errors.position_m),
-        FrameNoise("gimbal_roll", (errors.gimbal_roll_rad, 0, 0)),
-        FrameNoise("gimbal_pitch", (0, errors.gimbal_pitch_rad, 0)),
+        FrameErrors("body", (errors.roll_rad, errors.pitch_rad, errors.yaw_rad), errors.position_m),
+        FrameErrors("gimbal_roll", (errors.gimbal_roll_rad, 0, 0)),
+        FrameErrors("gimbal_pitch", (0, errors.gimbal_pitch_rad, 0)),
     )
 
 
@@ -242,7 +242,7 @@ def simulate(seed: int, scene: Scene = STANDARD) -> Flight:
     **Arguments:** `seed`: of `draw`, whose first run this is; `scene`: at least two looks.
 
     **Returns:** a frame image for each look, and the check point "target", which all of them saw. Records and readings are
-    samples at the times of the looks; their errors are the flight's noise.
+    samples at the times of the looks; how they err the flight says.
     """
     recorded, pixel = jax.tree.map(lambda value: np.asarray(value[0]), draw(scene, 1, seed))
     time = time_s(scene)
@@ -255,7 +255,7 @@ def simulate(seed: int, scene: Scene = STANDARD) -> Flight:
         images=[Image(f"look-{i + 1}", time_s=t) for i, t in enumerate(time.tolist())],
         points=Points(["target"], position[None], np.zeros((1, 3)), ["check"]),
         measurements=Measurements(looks, 0 * looks, pixel[:, 1], pixel[:, 0], sigma, sigma),
-        noise=noise(),
+        errors=frame_errors(),
         reference_point="camera",
         notes="Simulated after Liu et al. (2019): one target, seen by a gimballed camera from an aircraft.",
     )

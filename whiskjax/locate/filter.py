@@ -1,6 +1,6 @@
 """The extended Kalman filter over the looks, and its iterated form.
 
-With R = (2 px)^2 and no noise of frames this is the filter of Liu et al. (2019, equations 13 to 18).
+With R = (2 px)^2 and no errors of frames this is the filter of Liu et al. (2019, equations 13 to 18).
 """
 
 from typing import Any, NamedTuple

@@ -15,6 +15,7 @@ from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
+from ..estimate.errors import FrameErrors, need_errors
 from ..estimate.estimate import Estimate
 from ..estimate.given import Knowledge
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
@@ -27,7 +28,6 @@ from .location import Location, LookByLook, impossible_looks
 from .looks import Looks
 from .model import Model
 from .motion import ConstantVelocity
-from .noise import FrameNoise
 from .nuisance import gather
 from .problem import Problem, as_matrix
 from .verdict import convergence, has_diverged, weakest
@@ -45,7 +45,7 @@ def locate(
     guess: Guess | None = None,
     surface: AbstractSurface | None = None,
     sigma_enu_m: Float[Numbers, "3"] | None = None,
-    noise: Sequence[FrameNoise] = (),
+    errors: Sequence[FrameErrors] = (),
     method: str = "iterated",
     estimate: Knowledge = (),
     consider: Knowledge = (),
@@ -62,7 +62,8 @@ def locate(
     - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
     - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
-    - `noise`: errors of recorded poses, new at every look; without them R is that of the pixels alone, as in Liu et al. (2019).
+    - `errors`: how the recorded poses of frames err, new at every look; without them R is that of the pixels alone, as in Liu et
+      al. (2019).
     - `method`: "extended" (Liu et al. 2019, equations 13 to 18), "iterated" (each look linearised again at its own result), or
       "batch" (Gauss-Newton over all looks).
     - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
@@ -90,24 +91,18 @@ def locate(
             need("locate", name, value, kind)
     if guess is not None and sigma_enu_m is not None:
         raise WhiskjaxError("locate: guess says where the target may be, and so does sigma_enu_m; give one of them")
-    need("locate", "noise", noise, Sequence, "[FrameNoise(...), ...]")
-    for i, frame in enumerate(noise):
-        need("locate", f"noise[{i}]", frame, FrameNoise)
-        if frame.frame in [other.frame for other in noise[:i]]:
-            raise WhiskjaxError(
-                f"locate: noise[{i}] is of {frame.frame!r} as one before it; one entry holds all errors of a frame: add variances"
-            )
+    errors = need_errors("locate", errors)
     arrays = Arrays("locate")
     fit_sensor(arrays, sensor, looks.shot)
     arrays.fit("looks.pixel_px", looks.pixel_px.shape, "... 2")
-    for i, frame in enumerate(noise):
-        for sigma in (*frame.turn_sigma_rad, *frame.shift_sigma_m):
-            arrays.fit(f"noise[{i}]", np.shape(sigma), "...")
+    for i, one in enumerate(errors):
+        for sigma in one.sigma:
+            arrays.fit(f"errors[{i}]", np.shape(sigma), "...")
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
-    for frame in noise:
-        frame.check(sensor)
+    for one in errors:
+        _refuse(one, sensor)
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
         raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
     if motion is not None:
@@ -124,10 +119,21 @@ def locate(
     if not is_traced(looks.pixel_px):
         tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
-    answer = _solve(Problem(sensor, looks, guess, surface, tuple(noise), nuisance, motion), method, nis)
+    answer = _solve(Problem(sensor, looks, guess, surface, errors, nuisance, motion), method, nis)
     if throw:
         _raise(answer)
     return answer
+
+
+def _refuse(one: FrameErrors, sensor: Sensor) -> None:
+    """**Raises:** `WhiskjaxError` for errors of which a target's covariance can know nothing."""
+    one.check(sensor)
+    one.refuse_free("locate")
+    if not one.is_white or one.axes != "frame":
+        raise WhiskjaxError(
+            f"locate: errors of {one.frame} are to be new at every look (correlation_s=0), in the axes of the frame; what "
+            "looks have in common is an unknown: estimate=... or consider=..."
+        )
 
 
 @eqx.filter_jit

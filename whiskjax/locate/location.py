@@ -151,7 +151,7 @@ class Location(eqx.Module):
             factor = float(self.chi_square) / max(self.freedom, 1)
             said.append(
                 f"innovations are {math.sqrt(factor):.3g} times as large as their covariance says: errors of the recorded poses "
-                "are missing (noise=...), or are common to all looks (consider=..., estimate=...); do not believe the covariance"
+                "are missing (errors=...), or are common to all looks (consider=..., estimate=...); do not believe the covariance"
             )
         if self.gated:
             named = ", ".join(map(str, self.gated[:_SHOWN])) + (", ..." if len(self.gated) > _SHOWN else "")

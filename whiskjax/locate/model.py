@@ -16,8 +16,9 @@ from ..chain.records import Records
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.turn import Readings
+from ..estimate.errors import FrameErrors
 from ..rules.results import is_successful
-from .noise import FrameNoise, variance_px2
+from .noise import variance_px2
 from .nuisance import Nuisance
 from .update import Rows, State
 
@@ -44,7 +45,7 @@ class Model(eqx.Module):
     shots: Shot
     pixel_px: Vec2
     sigma_px: Vec2
-    noise: tuple[FrameNoise, ...]
+    errors: tuple[FrameErrors, ...]
     nuisance: Nuisance
     anchor_m: Vec3
     step_s: Component | None
@@ -78,18 +79,18 @@ class Model(eqx.Module):
         )
         by_point, still = swept.derivatives["earth"], (0,) * (self.kinematic - 3)
         rows = tuple(scale(w, (*row, *still, *more)) for w, row, more in zip(weight, by_point, (x, y), strict=True))
-        r00, r01, r11 = variance_px2(self.noise, swept)
+        r00, r01, r11 = variance_px2(self.errors, swept)
         (a, b), one = weight, jnp.ones(())
         noise = add(one, mul(a, mul(a, r00))), mul(a, mul(b, r01)), add(one, mul(b, mul(b, r11)))
         return Expected(residual, rows, noise, counts)
 
     def split(self) -> tuple["Model", "Model"]:
         """What each look has of its own (arrays whose first axis is the looks), and what all share; `eqx.combine` joins them."""
-        series = jax.tree.map(_is_series, (self.shots, self.pixel_px, self.sigma_px, self.noise, self.step_s, self.since_s))
+        series = jax.tree.map(_is_series, (self.shots, self.pixel_px, self.sigma_px, self.errors, self.step_s, self.since_s))
         aligned = jax.tree.map(_aligned, self.sensor, is_leaf=lambda node: isinstance(node, _ALIGNED))
-        shots, pixel, sigma, noise, step, since = series
+        shots, pixel, sigma, errors, step, since = series
         shared: Any = False  # of what the looks share, nothing is their own
-        return eqx.partition(self, Model(aligned, shots, pixel, sigma, noise, shared, shared, step, since, shared))
+        return eqx.partition(self, Model(aligned, shots, pixel, sigma, errors, shared, shared, step, since, shared))
 
 
 _ALIGNED = (Records, Readings)

@@ -11,13 +11,13 @@ from ..algebra.vectors import Component, stack, unstack
 from ..chain.bake import ready
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
+from ..estimate.errors import FrameErrors
 from ..rules.results import is_successful
 from .filter import Belief
 from .guess import Guess
 from .looks import Looks
 from .model import Model
 from .motion import ConstantVelocity, in_world
-from .noise import FrameNoise
 from .nuisance import Nuisance
 
 
@@ -28,7 +28,7 @@ class Problem(eqx.Module):
     looks: Looks
     guess: Guess
     surface: AbstractSurface
-    noise: tuple[FrameNoise, ...]
+    errors: tuple[FrameErrors, ...]
     nuisance: Nuisance
     motion: ConstantVelocity | None
 
@@ -55,7 +55,7 @@ class Problem(eqx.Module):
         # The sum over a single entry takes it out; an index would be made a transposed copy of all runs under vmap.
         pixel = tuple(jnp.where(known, self.looks.pixel_px[:, i : i + 1].sum(axis=1), jnp.nan) for i in (0, 1))
         sigma = unstack(self.looks.sigma_px)
-        return Model(sensor, shots, pixel, sigma, self.noise, self.nuisance, anchor, step, since, density), prior
+        return Model(sensor, shots, pixel, sigma, self.errors, self.nuisance, anchor, step, since, density), prior
 
 
 def as_matrix(rows: Sequence[Sequence[Component]]) -> Float[Array, "... n n"]:

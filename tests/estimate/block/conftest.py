@@ -16,5 +16,5 @@ def drawn():
 
 @pytest.fixture(scope="session")
 def adjusted(drawn):
-    errors = wj.PosErrors(**songshan.pos_errors(SCENE))
-    return wj.adjust(drawn.sensor, drawn.block, songshan.unknowns(SCENE), pos_errors=errors, retime=False)
+    errors = songshan.frame_errors(SCENE)
+    return wj.adjust(drawn.sensor, drawn.block, songshan.unknowns(SCENE), errors=errors, retime=False)

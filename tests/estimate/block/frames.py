@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 import whiskjax as wj
 
 SIGMA: dict[str, Any] = {"turn_sigma_rad": (1e-3,) * 3, "shift_sigma_m": (1.0,) * 3}
-POS = wj.PosErrors("photo", **SIGMA)
-FREE = wj.PosErrors("photo", **SIGMA, observed=False)
+POS = (wj.FrameErrors("photo", **SIGMA),)
+# Nothing was recorded; the start is off by no more than that.
+FREE = (*POS, wj.FrameErrors("photo", (np.inf,) * 3, (np.inf,) * 3))
 PLACE_M = np.array([[x, y, 900.0 + 20 * np.sin(x)] for y in (0.0, 250.0) for x in (0.0, 200.0, 400.0)])
 KAPPA_DEG = np.array([0.0, 0, 0, 180, 180, 180])
 POINTS = 24

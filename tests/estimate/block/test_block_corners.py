@@ -31,7 +31,7 @@ def test_a_point_without_rays_changes_nothing(gone, control):
     seen = block.keep(block.point != gone)
     others = np.delete(np.arange(len(block.role)), gone)
     without = in_order(seen, others)
-    found, expected = (wj.adjust(sensor, b, pos_errors=POS) for b in (seen, without))
+    found, expected = (wj.adjust(sensor, b, errors=POS) for b in (seen, without))
     assert np.isnan(found.point_m[gone]).all()
     np.testing.assert_allclose(found.point_m[others], expected.point_m, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.covariance_m2[others], expected.covariance_m2, rtol=1e-6, atol=1e-12)
@@ -44,9 +44,9 @@ def test_images_are_resected_though_the_first_point_is_a_tie():
     sensor, block, *_ = frames()
     place = np.roll(np.arange(len(block.role)), -5)  # ties come first
     other = in_order(block, place)
-    found = wj.adjust(sensor, other, pos_errors=FREE)
+    found = wj.adjust(sensor, other, errors=FREE)
     assert other.role[0] == "tie"
-    np.testing.assert_allclose(found.point_m, wj.adjust(sensor, block, pos_errors=FREE).point_m[place], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found.point_m, wj.adjust(sensor, block, errors=FREE).point_m[place], rtol=0, atol=1e-5)
 
 
 def test_a_trajectory_that_is_kept():
@@ -68,16 +68,11 @@ def test_a_trajectory_that_is_kept():
 def test_an_axis_with_sigma_zero_stays_as_it_is():
     """What an earlier adjustment found there is not lost."""
     sensor, block, *_ = frames()
-    first = wj.adjust(sensor, block, pos_errors=POS)
-    held = wj.PosErrors("photo", turn_sigma_rad=SIGMA["turn_sigma_rad"], shift_sigma_m=(0.0,) * 3)
-    again = wj.adjust(first.sensor, block, pos_errors=held)
+    first = wj.adjust(sensor, block, errors=POS)
+    held = wj.FrameErrors("photo", turn_sigma_rad=SIGMA["turn_sigma_rad"], shift_sigma_m=(0.0,) * 3)
+    again = wj.adjust(first.sensor, block, errors=[held])
     np.testing.assert_array_equal(again.sensor["photo"].shift_m, first.sensor["photo"].shift_m)
     assert np.abs(again.sensor["photo"].shift_m).max() > 0.1
-
-
-def test_correlation_times_may_be_an_array():
-    given = wj.PosErrors("pos", **SIGMA, turn_correlation_s=np.array([60.0, 60.0, 120.0]))
-    assert given.correlation_s == (60.0, 60.0, 120.0, None, None, None)
 
 
 def test_a_start_without_numbers_is_refused():
@@ -85,16 +80,16 @@ def test_a_start_without_numbers_is_refused():
     start = truth.copy()
     start[9, 1] = np.nan
     with pytest.raises(wj.WhiskjaxError, match="point P9: start_m holds no finite coordinates of it"):
-        wj.adjust(sensor, block, pos_errors=POS, start_m=start)
+        wj.adjust(sensor, block, errors=POS, start_m=start)
     with pytest.raises(wj.WhiskjaxError, match=r"start_m has shape \(23, 3\), expected \(24, 3\)"):
-        wj.adjust(sensor, block, pos_errors=POS, start_m=truth[1:])
+        wj.adjust(sensor, block, errors=POS, start_m=truth[1:])
 
 
 def test_two_steps_need_pos():
     sensor, block, *_ = frames()
     mounted = wj.Sensor({"photo": sensor["photo"], "mount": wj.Mount()}, sensor.camera)
     with pytest.raises(wj.WhiskjaxError, match="step two fits the mounts to the motions that POS observed"):
-        wj.two_step(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)], pos_errors=FREE, mounts=["kappa"])
+        wj.two_step(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)], errors=FREE, mounts=["kappa"])
 
 
 @pytest.mark.parametrize("how", [{}, {"blunders": wj.Blunders()}, {"reweigh": True}], ids=lambda how: "".join(how) or "plain")
@@ -106,8 +101,8 @@ def test_points_seen_once_are_left_out_and_listed(how):
     block = dataclasses.replace(block, role=role, position_m=place)
     lonely = np.isin(block.point, [7, 9])
     kept = ~lonely | (block.key("image") == 2)
-    found = wj.adjust(sensor, block.keep(kept), pos_errors=POS, **how)
-    expected = wj.adjust(sensor, block.keep(~lonely), pos_errors=POS, **how)
+    found = wj.adjust(sensor, block.keep(kept), errors=POS, **how)
+    expected = wj.adjust(sensor, block.keep(~lonely), errors=POS, **how)
     assert found.left_out == ("P7", "P9") and expected.left_out == ()
     said = "seen by one ray only, which determines no point, and left out: point P7, point P9"
     assert said in found.warnings and set(found.warnings) - {said} == set(expected.warnings)
@@ -126,11 +121,11 @@ def test_start_places_of_points_seen_once_are_not_needed():
     start = truth.copy()
     start[7] = np.nan
     once = block.keep((block.point != 7) | (block.key("image") == 2))
-    found = wj.adjust(sensor, once, pos_errors=POS, start_m=start)
+    found = wj.adjust(sensor, once, errors=POS, start_m=start)
     assert found.is_sound and found.left_out == ("P7",)
 
 
 def test_a_block_in_which_nothing_remains_is_refused():
     sensor, block, *_ = frames(control=0)
     with pytest.raises(wj.WhiskjaxError, match="point P0 and every other point of the block is seen by one ray only"):
-        wj.adjust(sensor, block.keep(block.key("image") == 2), pos_errors=POS)
+        wj.adjust(sensor, block.keep(block.key("image") == 2), errors=POS)

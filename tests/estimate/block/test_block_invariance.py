@@ -11,13 +11,14 @@ from tests.estimate.block.conftest import SCENE
 from whiskjax.estimate.block import plan as tiling
 from whiskjax.estimate.block import prepare as preparing
 from whiskjax.estimate.block.solve import reduce
+from whiskjax.estimate.block.station_errors import at_stations
 from whiskjax.flights import songshan
 
-UNKNOWNS, ERRORS = songshan.unknowns(SCENE), songshan.pos_errors(SCENE)
+UNKNOWNS, ERRORS = songshan.unknowns(SCENE), songshan.frame_errors(SCENE)
 
 
 def adjust(drawn, block, unknowns=UNKNOWNS, errors=ERRORS):
-    return wj.adjust(drawn.sensor, block, unknowns, pos_errors=wj.PosErrors(**errors), retime=False)
+    return wj.adjust(drawn.sensor, block, unknowns, errors=errors, retime=False)
 
 
 def assert_same(found, expected, point: Any = slice(None), ray: Any = slice(None)):
@@ -50,8 +51,7 @@ def test_all_sigmas_doubled(drawn, adjusted):
     """Nothing moves, covariances grow fourfold, the cost falls to a quarter."""
     block = dataclasses.replace(drawn.block, sigma_px=2 * drawn.block.sigma_px, covariance_m2=4 * drawn.block.covariance_m2)
     unknowns = [dataclasses.replace(x, sigma=2 * x.size) for x in UNKNOWNS]
-    twice = {k: tuple(2 * s for s in v) if "sigma" in k else v for k, v in ERRORS.items()}
-    found = adjust(drawn, block, unknowns, twice)
+    found = adjust(drawn, block, unknowns, songshan.frame_errors(SCENE, scale=2.0))
     assert 4 * found.cost == pytest.approx(adjusted.cost, rel=1e-9)
     assert found.freedom == adjusted.freedom
     np.testing.assert_allclose((found.value - adjusted.value) / adjusted.trust.sigma, 0, atol=1e-5)
@@ -80,7 +80,8 @@ def reduced(drawn):
     """A function that reduces the block at the start of the adjustment, as it is tiled at the moment."""
 
     def of(block=drawn.block):
-        ready = preparing.prepare(drawn.sensor, block, UNKNOWNS, wj.PosErrors(**ERRORS), drawn.point_m)
+        motions = at_stations("adjust", ERRORS, drawn.sensor)
+        ready = preparing.prepare(drawn.sensor, block, UNKNOWNS, motions, drawn.point_m)
         equations, points = reduce(ready.ready, ready.start)
         return ready, equations, ready.by_point(np.stack([np.asarray(c) for c in points], axis=-1))
 

@@ -33,8 +33,8 @@ def case(request, drawn, adjusted):
     if request.param == "orientation images":
         return Case(scene, drawn, adjusted)
     other = songshan.draw(scene, 2)
-    errors = wj.PosErrors(**songshan.pos_errors(scene))
-    return Case(scene, other, wj.adjust(other.sensor, other.block, songshan.unknowns(scene), pos_errors=errors, retime=False))
+    errors = songshan.frame_errors(scene)
+    return Case(scene, other, wj.adjust(other.sensor, other.block, songshan.unknowns(scene), errors=errors, retime=False))
 
 
 def test_cost(case):

@@ -21,7 +21,7 @@ def test_control_fixes_the_datum():
     normal = []
     for seed in range(20):
         sensor, block, _, truth = frames(seed=seed)
-        found = wj.adjust(sensor, block, pos_errors=FREE)
+        found = wj.adjust(sensor, block, errors=FREE)
         assert found.result == wj.RESULTS.successful
         error = found.point_m - truth
         assert np.sqrt((error**2).mean()) < 1.0
@@ -32,7 +32,7 @@ def test_control_fixes_the_datum():
 
 def test_without_control_the_datum_rests_on_pos():
     sensor, block, _, truth = frames(control=0)
-    found = wj.adjust(sensor, block, pos_errors=POS)
+    found = wj.adjust(sensor, block, errors=POS)
     assert found.result == wj.RESULTS.successful
     assert "there is no control point: the datum of the block rests on POS" in found.warnings
     # POS is off by a metre in each of six images.
@@ -46,7 +46,7 @@ def test_a_free_block_without_datum_is_refused(control):
     """Two points leave the turn about their line; the message names numbers of stations and the remedy."""
     sensor, block, *_ = frames(control=control)
     with pytest.raises(wj.SensorError, match=r"(turn|shift) [xyz] of station \d.*three control points or more"):
-        wj.adjust(sensor, block, pos_errors=FREE)
+        wj.adjust(sensor, block, errors=FREE)
 
 
 def test_two_unknowns_that_do_the_same_are_named():
@@ -55,16 +55,16 @@ def test_two_unknowns_that_do_the_same_are_named():
     twice = {"photo": sensor["photo"], "one": wj.Mount(angles_rad=[0.0] * 3), "two": wj.Mount(angles_rad=[0.0] * 3)}
     unknowns = [wj.Unknown(f"kappa {name}", f"{name}.angles_rad[2]", scale=0.01) for name in ("one", "two")]
     with pytest.raises(wj.SensorError, match=r"kappa (one, kappa two|two, kappa one)"):
-        wj.adjust(wj.Sensor(twice, sensor.camera), block, unknowns, pos_errors=POS)
+        wj.adjust(wj.Sensor(twice, sensor.camera), block, unknowns, errors=POS)
 
 
 @pytest.mark.parametrize("turned_deg", [90.0, 180.0, -180.0, 540.0])
 def test_a_block_may_be_turned(turned_deg):
     """Angles at +-180 deg are no place of their own: a block turned as a whole gives the same block, turned."""
     sensor, block, *_ = frames()
-    expected = wj.adjust(sensor, block, pos_errors=FREE)
+    expected = wj.adjust(sensor, block, errors=FREE)
     sensor, block, about, _ = frames(turned_deg)
-    found = wj.adjust(sensor, block, pos_errors=FREE)
+    found = wj.adjust(sensor, block, errors=FREE)
     np.testing.assert_allclose(found.point_m, about.apply(expected.point_m), rtol=0, atol=1e-5)
     assert found.cost == pytest.approx(expected.cost, rel=1e-8)
 
@@ -72,16 +72,16 @@ def test_a_block_may_be_turned(turned_deg):
 def test_parallel_rays_are_named():
     sensor, block, *_ = frames()
     # A control point may be seen once: P1 is one.
-    assert wj.adjust(sensor, block.keep((block.point != 1) | (block.key("image") == 2)), pos_errors=POS).is_sound
+    assert wj.adjust(sensor, block.keep((block.point != 1) | (block.key("image") == 2)), errors=POS).is_sound
     same = np.concatenate([np.flatnonzero(block.point != 7), np.repeat(np.flatnonzero(block.point == 7)[:1], 6)])
     with pytest.raises(wj.SensorError, match="point P7: its rays do not meet: they are parallel"):
-        wj.adjust(sensor, block.keep(same), pos_errors=POS)
+        wj.adjust(sensor, block.keep(same), errors=POS)
 
 
 @pytest.mark.parametrize("role", ["tie", "control"])
 def test_a_ray_that_the_sensor_cannot_make_is_named(drawn, role):
     """A time in the turn between two strips, a view that the camera lacks: of tie points and of control points alike."""
-    unknowns, errors = songshan.unknowns(SCENE), wj.PosErrors(**songshan.pos_errors(SCENE))
+    unknowns, errors = songshan.unknowns(SCENE), songshan.frame_errors(SCENE)
     block = drawn.block
     ray = int(np.flatnonzero(block.role[block.point] == role)[0])
     time, view = np.array(block.key("time_s")), np.array(block.key("view"))
@@ -91,7 +91,7 @@ def test_a_ray_that_the_sensor_cannot_make_is_named(drawn, role):
         with pytest.raises(
             wj.SensorError, match=rf"^ray {ray}, image {block.images[ray]}, {block.point_label(block.point[ray])}: "
         ):
-            wj.adjust(drawn.sensor, dataclasses.replace(block, shot=shot), unknowns, pos_errors=errors)
+            wj.adjust(drawn.sensor, dataclasses.replace(block, shot=shot), unknowns, errors=errors)
 
 
 def test_senseless_questions_are_refused(drawn):
@@ -100,9 +100,9 @@ def test_senseless_questions_are_refused(drawn):
         wj.adjust(sensor, block)
     inside = [wj.Unknown("turn", "photo.turn_rad[0,0]", scale=1e-3)]
     with pytest.raises(wj.WhiskjaxError, match="unknown turn lives in photo"):
-        wj.adjust(sensor, block, inside, pos_errors=POS)
+        wj.adjust(sensor, block, inside, errors=POS)
     with pytest.raises(wj.WhiskjaxError, match="no image"):
-        wj.adjust(sensor, dataclasses.replace(block, shot=wj.Shot(view=np.zeros(len(block), dtype=int))), pos_errors=POS)
+        wj.adjust(sensor, dataclasses.replace(block, shot=wj.Shot(view=np.zeros(len(block), dtype=int))), errors=POS)
 
 
 BLOCK = frames()[1]

@@ -30,7 +30,7 @@ def moved(block, which, by_m):
 @pytest.fixture(scope="module")
 def clean():
     """Twenty blocks with everything as stated."""
-    return [wj.adjust(*checked_frames(seed), pos_errors=POS) for seed in range(20)]
+    return [wj.adjust(*checked_frames(seed), errors=POS) for seed in range(20)]
 
 
 def test_clean_blocks_are_sound(clean):
@@ -43,7 +43,7 @@ def test_the_chi_square_is_what_the_block_pays_for_them_as_control(clean):
     """Check points made control points: the cost rises by it, but for what is not linear (0.01 sigma in 30)."""
     sensor, block = checked_frames(0)
     tied = dataclasses.replace(block, role=np.where(block.role == "check", "control", block.role))
-    joined = wj.adjust(sensor, tied, pos_errors=POS)
+    joined = wj.adjust(sensor, tied, errors=POS)
     assert joined.cost - clean[0].cost == pytest.approx(clean[0].check.chi_square, rel=2e-3)
 
 
@@ -55,7 +55,7 @@ def test_the_chi_square_is_what_the_block_pays_for_them_as_control(clean):
 )
 def test_a_contradiction_is_heard_whatever_is_asked(which, by_m, how):
     sensor, block = checked_frames(0)
-    found = wj.adjust(sensor, moved(block, which, by_m), pos_errors=POS, **how)
+    found = wj.adjust(sensor, moved(block, which, by_m), errors=POS, **how)
     assert not found.is_sound and not found.check.agrees
     assert found.warnings[0].startswith("the check points contradict the answer: ")
     if len(which) == 1:
@@ -65,7 +65,7 @@ def test_a_contradiction_is_heard_whatever_is_asked(which, by_m, how):
 def test_without_check_points_nothing_is_tested(clean):
     sensor, block = checked_frames(0)
     tied = dataclasses.replace(block, role=np.where(block.role == "check", "tie", block.role))
-    found = wj.adjust(sensor, tied, pos_errors=POS)
+    found = wj.adjust(sensor, tied, errors=POS)
     assert found.check.freedom == 0 and found.check.agrees and found.is_sound
     assert clean[0].check.freedom == 3 * len(CHECK)
     np.testing.assert_allclose(found.point_m, clean[0].point_m, rtol=0, atol=1e-9)
@@ -76,7 +76,7 @@ def test_a_stretched_group_is_named():
     sensor, block = checked_frames(0)
     off = 20.0 * np.random.default_rng(1).choice([-1, 1], len(block)) * (block.role[block.point] == "tie")
     spoilt = dataclasses.replace(block, pixel_px=block.pixel_px + np.stack([0 * off, off], -1))
-    found = wj.adjust(sensor, spoilt, pos_errors=POS, reweigh=True)
+    found = wj.adjust(sensor, spoilt, errors=POS, reweigh=True)
     assert found.is_consistent and not found.is_sound
     assert any(said.startswith("the errors of tie rays are ") for said in found.warnings)
 
@@ -90,13 +90,13 @@ def test_a_mirrored_block_is_no_answer(axis):
     mirrored = wj.Sensor({"photo": start}, sensor.camera)
     with pytest.raises(wj.SensorError, match=r"adjust: where the adjustment ended, ray 0, image im0, point P0: the point lies "
                        r"behind the camera \(144 of 144 rays fail\)"):  # fmt: skip
-        wj.adjust(mirrored, block, pos_errors=FREE, max_steps=60)
-    found = wj.adjust(mirrored, block, pos_errors=FREE, max_steps=60, throw=False)
+        wj.adjust(mirrored, block, errors=FREE, max_steps=60)
+    found = wj.adjust(mirrored, block, errors=FREE, max_steps=60, throw=False)
     pose = found.sensor["photo"].pose(wj.Shot(image=np.arange(6)))
     assert (np.asarray(pose.translation[2]) < 0).all()
     assert found.result == wj.RESULTS.point_behind_camera and not found.is_sound
     assert found.warnings[0].startswith("where the adjustment ended, ray 0, image im0, point P0: ")
-    right = wj.adjust(sensor, block, pos_errors=FREE)
+    right = wj.adjust(sensor, block, errors=FREE)
     assert right.is_sound and (np.asarray(right.sensor["photo"].pose(wj.Shot(image=np.arange(6))).translation[2]) > 0).all()
 
 
@@ -104,7 +104,7 @@ def test_an_adjustment_is_not_silent():
     sensor, block = checked_frames(0)
     said = []
     with wj.telling(said.append):
-        wj.adjust(sensor, block, pos_errors=POS, blunders=wj.Blunders(), reweigh=True)
+        wj.adjust(sensor, block, errors=POS, blunders=wj.Blunders(), reweigh=True)
     assert said[0] == f"adjust: {len(block)} rays of {POINTS} points"
     for beginning in ("adjust: step 1, sum of squares ", "wrong rays: round 1, 0 of 144 rays", "weights: round 1"):
         assert any(one.startswith(beginning) for one in said)

@@ -18,6 +18,7 @@ from ...rules.progress import tell
 from ...rules.results import codes_of, message_of
 from ..blunders import Blunders
 from ..diagnosis import UNLIKELY, consistency, kinked
+from ..errors import AXES, FrameErrors
 from ..given import Knowledge, given
 from ..unknown import Unknown
 from ..variance_components import Components
@@ -30,9 +31,9 @@ from .check import checked
 from .connect import connections, seen_once
 from .covariance import covariances, evaluate
 from .crossing import at_crossing, refuse_unrecorded
-from .pos_errors import AXES, PosErrors
 from .prepare import Prepared, Ready, State, prepare
 from .solve import Solved, gauss_newton
+from .station_errors import StationErrors, at_stations
 from .wrong_ties import data_snooping
 
 _NAMED = 10
@@ -44,7 +45,7 @@ def adjust(
     block: Block,
     unknowns: Knowledge = (),
     *,
-    pos_errors: PosErrors | None = None,
+    errors: Sequence[FrameErrors] = (),
     start_m: Float[np.ndarray, "points 3"] | None = None,
     blunders: Blunders | None = None,
     reweigh: bool = False,
@@ -61,12 +62,13 @@ def adjust(
     **Arguments:**
 
     - `sensor`: the chain with start values.
-    - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `pos_errors`; an
+    - `unknowns`: lever arm, boresight, detector lines, drifts: numbers anywhere in the sensor but in the link of `errors`; an
       earlier answer, or its `Estimate`, is the joint prior of its numbers.
-    - `pos_errors`: the link whose motions at stations (orientation images, spline coefficients, images) are estimated, and how
-      large and how correlated POS errors are; None keeps the trajectory as it is.
-    - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (without
-      POS, after the images are resected from control points).
+    - `errors`: how the record of one link errs whose motions at stations (orientation images, spline coefficients, images) are
+      estimated: statements of it add, white or Ornstein-Uhlenbeck, drawn anew for each "strip" (segment of its nodes) or not;
+      infinite sigmas are free poses. Without a statement the trajectory is kept as it is.
+    - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (of free
+      poses, after the images are resected from control points).
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
     - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
     - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
@@ -85,13 +87,13 @@ def adjust(
     need("adjust", "block", block, Block)
     priors = given("adjust", "unknowns", unknowns)
     unknowns = priors.unknowns
-    for name, value, kind in (("pos_errors", pos_errors, PosErrors), ("blunders", blunders, Blunders)):
-        if value is not None:
-            need("adjust", name, value, kind)
+    if blunders is not None:
+        need("adjust", "blunders", blunders, Blunders)
     need("adjust", "reweigh", reweigh, (bool, np.bool_), "True; groups as of Reweigh() are for calibrate")
     need_flags("adjust", retime=retime, throw=throw)
-    if not unknowns and pos_errors is None:
-        raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or pos_errors, or use intersect")
+    motions = at_stations("adjust", errors, sensor, block)
+    if not unknowns and motions is None:
+        raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or errors, or use intersect")
     refuse_extremes(sensor, "adjust")
     sensor.refuse_aligned("adjust")
     refuse_pixels_without_direction("adjust", sensor, block.shots(), block.pixel_px, block.ray_label)
@@ -99,16 +101,16 @@ def adjust(
     refuse_unrecorded(sensor, block)
     tell(f"adjust: {len(block)} rays of {int(block.seen.sum())} points")
     if start_m is None:
-        sensor, start_m = begin(sensor, block, pos_errors)
+        sensor, start_m = begin(sensor, block, motions)
     start_m = np.asarray(Arrays("adjust").take("start_m", start_m, f"{len(block.role)} 3", absolute=True))
     unplaced = np.flatnonzero(block.seen & ~lonely & (block.role != "control") & ~np.isfinite(start_m).all(axis=1))
     if unplaced.size:
         raise WhiskjaxError(f"{block.point_label(int(unplaced[0]))}: start_m holds no finite coordinates of it")
-    prepared = prepare(sensor, block, priors, pos_errors, start_m)
+    prepared = prepare(sensor, block, priors, motions, start_m)
     start_u = np.asarray(prepared.start.u)
     solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     if retime and sensor.is_line and int(codes_of(solved.result)) == 0:
-        prepared = retimed(prepared, solved.state, priors, pos_errors)
+        prepared = retimed(prepared, solved.state, priors, motions)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     used, found = ~lonely[block.point], None
     for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
@@ -117,7 +119,7 @@ def adjust(
         if reweigh and _is_fine(solved):
             prepared, solved, more = weights.reweigh(prepared, solved, used, max_steps)
             found = more if found is None else more._replace(factor=found.factor * more.factor)
-    return report(prepared, solved, unknowns, pos_errors, start_u, used, found, throw)
+    return report(prepared, solved, unknowns, tuple(errors), motions, start_u, used, found, throw)
 
 
 def _is_fine(solved: Solved) -> bool:
@@ -125,7 +127,7 @@ def _is_fine(solved: Solved) -> bool:
     return int(codes_of(solved.result)) == 0 and _inverse(solved.reduced.matrix) is not None
 
 
-def retimed(prepared: Prepared, state: State, unknowns: Knowledge, pos_errors: PosErrors | None) -> Prepared:
+def retimed(prepared: Prepared, state: State, unknowns: Knowledge, motions: StationErrors | None) -> Prepared:
     """The block with every ray at the crossing of its fitted point, to be solved again from the state."""
     ready = prepared.ready
     point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
@@ -135,7 +137,7 @@ def retimed(prepared: Prepared, state: State, unknowns: Knowledge, pos_errors: P
         time_s = np.where(lonely, np.asarray(given.key("time_s")), np.asarray(block.key("time_s")))
         pixel_px = np.where(lonely[:, None], given.pixel_px, block.pixel_px)
         block = dataclasses.replace(block, shot=dataclasses.replace(block.shots(), time_s=time_s), pixel_px=pixel_px)
-    again = prepare(ready.sensor, block, unknowns, pos_errors, point, prepared.plan)
+    again = prepare(ready.sensor, block, unknowns, motions, point, prepared.plan)
     return dataclasses.replace(again, start=State(state.x, state.u, again.start.points))
 
 
@@ -143,7 +145,8 @@ def report(
     prepared: Prepared,
     solved: Solved,
     unknowns: Sequence[Unknown],
-    pos_errors: PosErrors | None,
+    errors: tuple[FrameErrors, ...],
+    motions: StationErrors | None,
     start_u: Float[np.ndarray, " q"],
     used: Bool[np.ndarray, " rays"],
     found: Components | None,
@@ -156,7 +159,7 @@ def report(
     if inverse is None:
         result = first_failure(RESULTS.rank_deficient if np.isfinite(solved.reduced.cost) else RESULTS.nonfinite, result)
     if throw and int(codes_of(result)) != 0:
-        raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, pos_errors)}")
+        raise SensorError(f"adjust: {message_of(int(codes_of(result)))}{_weak(prepared, solved, unknowns, motions)}")
     state = solved.state
     tell("adjust: residuals and covariances (the first time compiled)")
     residual, codes, point, covariance = _evaluated(prepared, state, inverse)
@@ -196,7 +199,8 @@ def report(
         start=mean + scale * start_u,
         trust=trust,
         block=block,
-        pos_errors=pos_errors,
+        errors=errors,
+        motions=motions,
         point_m=point,
         covariance_m2=covariance,
         residual_px=residual,
@@ -213,7 +217,7 @@ def report(
             *impossible,
             *contradictions(check, found),
             *beside_detector(solution, block.shots(), block.pixel_px, used, block.ray_label),
-            *_warnings(block, used, lonely, pos_errors, factor, tail, squared, trust, unknowns),
+            *_warnings(block, used, lonely, motions, factor, tail, squared, trust, unknowns),
             *kinked(solution, unknowns),
         ),
         check=check,
@@ -274,7 +278,7 @@ def _trust(ready: Ready, state: State, inverse: np.ndarray | None) -> Trust:
     return Trust(of_unknowns, np.sqrt(np.diag(of_unknowns)), of_stations.T, share)
 
 
-def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], pos_errors: PosErrors | None) -> str:
+def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], motions: StationErrors | None) -> str:
     """Which unknowns take part in the weakest combination of a singular system."""
     matrix = np.asarray(solved.reduced.matrix)
     if not np.isfinite(matrix).all():
@@ -287,7 +291,7 @@ def _weak(prepared: Prepared, solved: Solved, unknowns: Sequence[Unknown], pos_e
     names = [f"{axis} of station {k}" for axis in AXES for k in range(stations)] + [x.name for x in unknowns]
     order = np.argsort(-weak)[:6]
     named = ", ".join(names[i] for i in order if weak[i] > 0.1 * weak[order[0]])
-    hint = "" if pos_errors is None or pos_errors.observed else "; without POS a block needs three control points or more"
+    hint = "" if motions is None or motions.observed else "; without POS a block needs three control points or more"
     return f": {named}. Give priors, or leave some of them out{hint}"
 
 
@@ -295,7 +299,7 @@ def _warnings(
     block: Block,
     used: Bool[np.ndarray, " rays"],
     lonely: Bool[np.ndarray, " points"],
-    pos_errors: PosErrors | None,
+    motions: StationErrors | None,
     factor: float,
     tail: float,
     squared: np.ndarray,
@@ -304,7 +308,7 @@ def _warnings(
 ) -> list[str]:
     said = []
     if not ((block.role == "control") & block.seen).any():
-        rests = "the priors" if pos_errors is None else "POS" if pos_errors.observed else "nothing"
+        rests = "the priors" if motions is None else "POS" if motions.observed else "nothing"
         said.append(f"there is no control point: the datum of the block rests on {rests}")
     if math.isfinite(factor) and tail < UNLIKELY:
         said.append(

@@ -9,12 +9,13 @@ from jaxtyping import Bool, Float
 from ...chain.sensor import Sensor
 from ...rules import RESULTS
 from ...rules.results import codes_of
+from ..errors import FrameErrors
 from ..estimate import Estimate
 from ..unknown import Unknown
 from ..variance_components import Components
 from ..verdict import UNTESTED, CheckTest, stretched
 from .block import Block
-from .pos_errors import PosErrors
+from .station_errors import StationErrors
 
 
 class Trust(NamedTuple):
@@ -52,6 +53,8 @@ class Adjustment:
     """A solved block; residual = measured - projected, in pixels.
 
     - `sensor`: with the solution put in; `value`, `start`: of the unknowns, in the units of their fields.
+    - `errors`: the statements by which the trajectory was weighed; `motions`: what they say of the link whose motions were
+      estimated, None where it was kept.
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
     - `used`: rays that took part; `components`: factors on the given sigmas, where weights were estimated (`block` has the new).
     - `residual_px`: (sample or column, line offset or row) of every ray.
@@ -69,7 +72,8 @@ class Adjustment:
     start: Float[np.ndarray, " q"]
     trust: Trust
     block: Block
-    pos_errors: PosErrors | None
+    errors: tuple[FrameErrors, ...]
+    motions: StationErrors | None
     point_m: Float[np.ndarray, "points 3"]
     covariance_m2: Float[np.ndarray, "points 3 3"]
     residual_px: Float[np.ndarray, "rays 2"]

@@ -1,7 +1,5 @@
 """Where an adjustment begins: poses, and points from their rays."""
 
-import dataclasses
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +10,12 @@ from ...rules.results import codes_of, message_of
 from ..intersection import intersect
 from .block import Block
 from .connect import seen_once
-from .pos_errors import PosErrors
 from .prepare import prepare
 from .solve import gauss_newton
+from .station_errors import StationErrors
 
 
-def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[Sensor, Float[np.ndarray, "points 3"]]:
+def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[Sensor, Float[np.ndarray, "points 3"]]:
     """A sensor and the approximate coordinates of every point that is seen.
 
     Control points lie where they are given; all others where their rays meet, and nowhere (NaN) with one ray. Without POS the
@@ -27,8 +25,8 @@ def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[S
     """
     control = block.role == "control"
     point = np.where(control[:, None], block.position_m, np.nan)
-    if pos_errors is not None and not pos_errors.observed and control[block.point].any():
-        sensor = _resect(sensor, block.keep(control[block.point]), pos_errors)
+    if motions is not None and not motions.observed and control[block.point].any():
+        sensor = _resect(sensor, block.keep(control[block.point]), motions)
     rays = np.flatnonzero(~(control | seen_once(block))[block.point])
     if rays.size:
         others = block.keep(rays)
@@ -43,9 +41,9 @@ def begin(sensor: Sensor, block: Block, pos_errors: PosErrors | None) -> tuple[S
     return sensor, point
 
 
-def _resect(sensor: Sensor, seen: Block, pos_errors: PosErrors) -> Sensor:
+def _resect(sensor: Sensor, seen: Block, motions: StationErrors) -> Sensor:
     """The poses from control points alone, held where nothing is seen by the sigmas that the start has."""
-    prepared = prepare(sensor, seen, (), dataclasses.replace(pos_errors, observed=True), seen.position_m)
+    prepared = prepare(sensor, seen, (), motions.known(), seen.position_m)
     solved = gauss_newton(prepared.ready, prepared.start)
     return prepared.ready.unknowns.put(prepared.ready.sensor, solved.state.x, solved.state.u)
 

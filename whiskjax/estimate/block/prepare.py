@@ -19,7 +19,7 @@ from ..given import Knowledge, given, posed
 from .block import Block
 from .connect import seen_once
 from .plan import Plan, plan
-from .pos_errors import PosErrors
+from .station_errors import StationErrors
 from .tiles import Chunk, Tiles, Unknowns
 
 
@@ -93,7 +93,7 @@ def prepare(
     sensor: Sensor,
     block: Block,
     unknowns: Knowledge,
-    pos_errors: PosErrors | None,
+    motions: StationErrors | None,
     start_m: Float[np.ndarray, "points 3"],
     keep: Plan | None = None,
 ) -> Prepared:
@@ -110,20 +110,20 @@ def prepare(
             raise WhiskjaxError(f"the sensor tells its {key}s apart, but the rays of the block carry no {key}")
     sigma, stations, roots = np.zeros(6), 0, np.zeros((6, 0, 0))
     first, acting, segments = np.zeros(len(block), dtype=int), 1, (1,)
-    if pos_errors is not None:
+    if motions is not None:
         for name, of in zip(others.names, others.places, strict=True):
-            if any(place.link == pos_errors.link for place in of):
-                raise WhiskjaxError(f"unknown {name} lives in {pos_errors.link}, whose motions pos_errors already estimates")
+            if any(place.link == motions.link for place in of):
+                raise WhiskjaxError(f"unknown {name} lives in {motions.link}, whose motions are estimated as its errors")
         for field in ("turn_rad", "shift_m"):
-            sensor = make_room(sensor, Address(pos_errors.link, (field,), (0, 0)))
-        link = pos_errors.stations(sensor)
-        sigma, stations, roots = pos_errors.sigma, link.stations, pos_errors.roots(sensor)
+            sensor = make_room(sensor, Address(motions.link, (field,), (0, 0)))
+        link = motions.stations(sensor)
+        sigma, stations, roots = motions.sigma, link.stations, motions.roots(sensor)
         basis = link.basis if isinstance(link, Correction) else None
         segments = basis.nodes if isinstance(basis, AbstractUniform) else (stations,)
         pairs = link.acting(block.shots())
         first, acting = np.broadcast_to(np.asarray(pairs[0][0]), (len(block),)), len(pairs)
     laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
-    numbers = Unknowns(others, jnp.asarray(sigma), None if pos_errors is None else pos_errors.link)
+    numbers = Unknowns(others, jnp.asarray(sigma), None if motions is None else motions.link)
     known, lonely = block.role == "control", seen_once(block)
     # They have no place; seats on the device hold numbers, and have no weight.
     start_m = np.where(lonely[:, None], start_m[block.point[~lonely[block.point]][0]], start_m)

@@ -25,6 +25,7 @@ from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...rules import WhiskjaxError, need, need_flags
+from ..errors import FrameErrors
 from ..unknown import Unknown, admit, assign, need_unknowns
 from .adjust import report, retimed
 from .adjustment import Adjustment
@@ -32,9 +33,9 @@ from .begin import begin
 from .block import Block
 from .connect import seen_once
 from .crossing import refuse_unrecorded
-from .pos_errors import PosErrors
 from .prepare import Prepared, State, prepare
 from .solve import Reduced, gauss_newton
+from .station_errors import StationErrors, at_stations
 
 _EARLY = 1e-2  # of a predicted sigma: the step at which an impatient loop stops
 
@@ -69,7 +70,7 @@ def two_step(
     block: Block,
     unknowns: Sequence[Unknown],
     *,
-    pos_errors: PosErrors,
+    errors: Sequence[FrameErrors],
     mounts: Sequence[str],
     tolerance: float = 1e-6,
     retime: bool = True,
@@ -88,9 +89,9 @@ def two_step(
     """
     need("two_step", "sensor", sensor, Sensor)
     need("two_step", "block", block, Block)
-    need("two_step", "pos_errors", pos_errors, PosErrors)
     need_unknowns("two_step", "unknowns", unknowns)
     need_flags("two_step", retime=retime)
+    motions = at_stations("two_step", errors, sensor, block)
     sensor.refuse_aligned("two_step")
     refuse_pixels_without_direction("two_step", sensor, block.shots(), block.pixel_px, block.ray_label)
     names = [x.name for x in unknowns]
@@ -99,21 +100,22 @@ def two_step(
         raise WhiskjaxError(f"two_step: {', '.join(lost) or 'no mount'} is not among the unknowns {', '.join(names)}")
     refuse_extremes(sensor, "two_step")
     refuse_unrecorded(sensor, block)
-    if not pos_errors.observed:
+    if motions is None or not motions.observed:
         raise WhiskjaxError(
-            "two_step: step two fits the mounts to the motions that POS observed, but pos_errors.observed is False"
+            "two_step: step two fits the mounts to the motions that POS observed, but "
+            + ("no errors of it are given" if motions is None else f"the poses of {motions.link} are free")
         )
     second = [x for x in unknowns if x.name in mounts]
     first = [x for x in unknowns if x.name not in mounts]
-    sensor, start_m = begin(admit(sensor, unknowns), block, pos_errors)
-    prepared = prepare(sensor, block, first, pos_errors, start_m)
+    sensor, start_m = begin(admit(sensor, unknowns), block, motions)
+    prepared = prepare(sensor, block, first, motions, start_m)
     start_u = np.asarray(prepared.start.u)
     state, value = prepared.start, np.array([float(read(sensor, x.places[0])) for x in second])
     mean = np.array([v if x.mean is None else x.mean for x, v in zip(second, value, strict=True)])
     prior = np.array([0.0 if x.sigma is None else 1 / x.sigma for x in second])
     if retime and sensor.is_line:
         solved = gauss_newton(prepared.ready, state)
-        prepared = retimed(prepared, solved.state, first, pos_errors)
+        prepared = retimed(prepared, solved.state, first, motions)
         state = prepared.start
 
     values, steps, early = [value], [], None
@@ -122,7 +124,7 @@ def two_step(
     for k in range(max_rounds):
         held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, assign(sensor, second, value)))
         solved = gauss_newton(held.ready, state)
-        effect = _effects(held, solved.state, second, pos_errors)
+        effect = _effects(held, solved.state, second, motions)
         if k == 0:
             rate, sigma = _rate(held, solved.reduced, effect, prior)
         step, state = _fit_mounts(held, solved.state, effect, prior, mean - value)
@@ -137,18 +139,18 @@ def two_step(
     last = assign(sensor, second, value)
     held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, last))
     solved = gauss_newton(held.ready, state)
-    adjustment = report(held, solved, first, pos_errors, start_u, ~seen_once(block)[block.point], None, throw=True)
+    adjustment = report(held, solved, first, tuple(errors), motions, start_u, ~seen_once(block)[block.point], None, throw=True)
     tail = steps[-4:]
     observed = (tail[-1] / tail[0]) ** (1 / (len(tail) - 1)) if len(tail) > 1 and tail[0] > 0 else float("nan")
     return TwoStep(tuple(x.name for x in second), np.array(values), rate, observed, early, has_converged, adjustment)
 
 
 def _effects(
-    prepared: Prepared, state: State, mounts: Sequence[Unknown], pos_errors: PosErrors
+    prepared: Prepared, state: State, mounts: Sequence[Unknown], motions: StationErrors
 ) -> Float[np.ndarray, "mounts 6 stations"]:
     """The change of the motions, at every station, that images as one unit of each mount does; whitened by the POS sigmas."""
     sensor = prepared.ready.sensor
-    link = pos_errors.stations(sensor)
+    link = motions.stations(sensor)
     node_s = link.node_s
     if node_s is not None:
         time = np.asarray(prepared.block.key("time_s"))
@@ -157,14 +159,14 @@ def _effects(
     else:
         shot = Shot(image=np.arange(link.stations))
     names = list(sensor.names)
-    begins = names.index(pos_errors.link) + 1
+    begins = names.index(motions.link) + 1
     sigma = np.asarray(prepared.ready.unknowns.sigma)
     here = (sigma[:3, None] * np.asarray(state.x)[:3]).T
     found = []
     for x in mounts:
         reach = [names.index(place.link) if place.link in names else -1 for place in x.places]
         if min(reach) < begins:
-            raise WhiskjaxError(f"two_step: {x.name} lies in no link behind {pos_errors.link}, so no motion of it images alike")
+            raise WhiskjaxError(f"two_step: {x.name} lies in no link behind {motions.link}, so no motion of it images alike")
         parts = _motion(sensor, x, names[begins : max(reach) + 1], shot)
         turn, shift = (np.stack([np.broadcast_to(np.asarray(c), (link.stations,)) for c in part], axis=-1) for part in parts)
         # Behind a motion m that is there already: exp(m) exp(turn) = exp(m + turn + m x turn / 2 + ...), and m turns the shift.

@@ -21,7 +21,7 @@ from ...estimate.consistency import nees
 from ...estimate.many import calibrate_redrawn
 from ...estimate.observations import Observations
 from ...estimate.unknown import Unknown, assign
-from ...flights.tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw, in_time, noise, sensor, time_s, true_records
+from ...flights.tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw, frame_errors, in_time, sensor, time_s, true_records
 from ...locate.guess import Guess
 from ...locate.locate import locate
 from ...locate.looks import Looks
@@ -52,7 +52,7 @@ def refraction(scene: Scene) -> Bent:
     seen = project(through_air, shot, np.broadcast_to(target, (scene.looks, 3))).pixel_px
     ground = np.asarray(image_to_ground(true, shot, seen, HeightSurface(scene.target.height_m)).point_m)
     guess = Guess.around(target, 1e3 * guess_sigma_enu_m(scene.target))
-    found = locate(true, Looks(shot, seen, (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX)), guess=guess, noise=noise(), method="batch")
+    found = locate(true, Looks(shot, seen, (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX)), guess=guess, errors=frame_errors(), method="batch")
     up = to_enu(scene.target)[:, 2]
     return Bent(float(np.linalg.norm(ground[0] - target)), float(up @ (np.asarray(found.point_m) - target)))
 
@@ -106,7 +106,7 @@ def handed_on(runs: int, seed: int) -> HandedOn:
             assign(_with_boresight(sensor(record)), unknowns, value),
             Looks(looks, pixel, (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX)),
             guess=Guess.around(point, guess_sigma_enu_m(scene.target)),
-            noise=noise(),
+            errors=frame_errors(),
             consider=() if calibration is None else dataclasses.replace(calibration, value=value),
             throw=False,
         )
@@ -163,8 +163,8 @@ def time_offset(runs: int, seed: int) -> Offset:
         of = in_time(jax.tree.map(lambda a, k=k: np.asarray(a[k]), recorded), time_s(scene), late[k])
         looks = Looks(shot, pixel[k, 1:-1], (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX))
         guess = Guess.around(target + ecef_from_enu @ (rng.normal(0, 1, 3) * sigma), sigma)
-        plain = locate(of, looks, guess=guess, noise=noise(), throw=False)
-        timed = locate(of, looks, guess=guess, noise=noise(), estimate=(unknown,), throw=False)
+        plain = locate(of, looks, guess=guess, errors=frame_errors(), throw=False)
+        timed = locate(of, looks, guess=guess, errors=frame_errors(), estimate=(unknown,), throw=False)
         for into, found in ((ignored, plain), (estimated, timed)):
             error = ecef_from_enu.T @ (np.asarray(found.line_m) - target)
             into.append((error, np.asarray(found.looks.covariance_enu_m2[-1])))

@@ -17,6 +17,7 @@ from ...earth.ellipsoid import geodetic_to_ecef
 from ...earth.frames import enu_rotation
 from ...earth.surface import HeightSurface
 from ...estimate.consistency import nees
+from ...estimate.errors import FrameErrors
 from ...estimate.motions import motion_unknowns
 from ...estimate.unknown import Unknown
 from ...flights.tianshan import (
@@ -29,7 +30,7 @@ from ...flights.tianshan import (
     Scene,
     curvature_radii,
     draw,
-    noise,
+    frame_errors,
     sensor,
     time_s,
     true_records,
@@ -38,7 +39,6 @@ from ...locate.all_looks import at_last, equations
 from ...locate.guess import Guess, first_guess
 from ...locate.locate import locate
 from ...locate.looks import Looks
-from ...locate.noise import FrameNoise
 from ...locate.nuisance import gather
 from ...locate.problem import Problem
 from ...rules.results import codes_of
@@ -152,7 +152,14 @@ def trial(
         start = np.asarray(_first_guesses(recorded, pixel, time_s(scene), sigma, guess))
     biases = constant if estimator.biases != "ignored" else None
     track, covariance, code = _located(
-        recorded, pixel, jnp.asarray(start), time_s(scene), sigma, noise(white) if estimator.full_noise else (), estimator, biases
+        recorded,
+        pixel,
+        jnp.asarray(start),
+        time_s(scene),
+        sigma,
+        frame_errors(white) if estimator.full_noise else (),
+        estimator,
+        biases,
     )
     return Trial((np.asarray(track) - target) @ ecef_from_enu, np.asarray(covariance), codes_of(code))
 
@@ -195,7 +202,7 @@ def _located(
     start: Array,
     times: Any,
     sigma: Any,
-    white: tuple[FrameNoise, ...],
+    white: tuple[FrameErrors, ...],
     estimator: Estimator,
     biases: Errors | None,
 ):
@@ -209,7 +216,7 @@ def _located(
             of,
             _looks(pixel, times),
             guess=Guess.around(point, sigma),
-            noise=white,
+            errors=white,
             method=estimator.method,
             estimate=estimate,
             consider=consider,
@@ -243,7 +250,7 @@ def bound(
     guess = Guess.around(point_of(scene.target), guess_sigma_enu_m(scene.target) * (1.0 if prior else 1e3))
     looks = _looks(jnp.zeros((scene.looks, 2)), time_s(scene))
     ecef_from_enu = to_enu(scene.target)
-    covariance = np.asarray(_bound(Problem(of, looks, guess, HeightSurface(0.0), noise(white), nuisance, None)))
+    covariance = np.asarray(_bound(Problem(of, looks, guess, HeightSurface(0.0), frame_errors(white), nuisance, None)))
     return ecef_from_enu.T @ covariance[:3, :3] @ ecef_from_enu
 
 

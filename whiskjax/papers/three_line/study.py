@@ -12,12 +12,11 @@ from ...estimate.block.adjust import adjust
 from ...estimate.block.adjustment import Adjustment
 from ...estimate.block.block import Block
 from ...estimate.block.direct import Direct, direct_positioning
-from ...estimate.block.pos_errors import PosErrors
 from ...estimate.block.two_step import TwoStep, two_step
 from ...estimate.blunders import Blunders
 from ...estimate.consistency import nees
 from ...estimate.unknown import Unknown, assign
-from ...flights.songshan import LINE_S, Drawn, Scene, draw, pos_errors, unknowns
+from ...flights.songshan import LINE_S, Drawn, Scene, draw, frame_errors, unknowns
 from ...flights.songshan_draw import BORESIGHT_RAD, LEVER_ARM_M, STRIP_S, start_s
 
 MOUNTS = ("u", "v", "w", "ex", "ey", "ez")
@@ -42,8 +41,8 @@ class Run(NamedTuple):
 
 def run(scene: Scene, seed: int, white: bool = False, reweigh: bool = False) -> Run:
     """Draw and adjust. **Arguments:** `white`: POS errors are taken as white; `reweigh`: sigmas are found from the data."""
-    drawn, errors = draw(scene, seed), PosErrors(**pos_errors(scene, white))
-    return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), pos_errors=errors, reweigh=reweigh))
+    drawn, errors = draw(scene, seed), frame_errors(scene, white)
+    return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), errors=errors, reweigh=reweigh))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +98,7 @@ def readjusted(scene: Scene, block: Block, sensor: Sensor, count: int) -> Adjust
     role = block.role.copy()
     role[role == "control"] = "tie"
     role[spread_control(block, count)] = "control"
-    return adjust(sensor, dataclasses.replace(block, role=role), pos_errors=PosErrors(**pos_errors(scene)))
+    return adjust(sensor, dataclasses.replace(block, role=role), errors=frame_errors(scene))
 
 
 class Followed(NamedTuple):
@@ -182,8 +181,8 @@ def spoil(block: Block, seed: int) -> tuple[Block, np.ndarray]:
 def wrong_ties(clean: Run) -> Spoilt:
     """Spoil a block, and adjust it as it is and with the search for wrong rays."""
     block, wrong = spoil(clean.drawn.block, clean.seed)
-    numbers, errors = unknowns(clean.scene), PosErrors(**pos_errors(clean.scene))
-    plain, found = (adjust(clean.drawn.sensor, block, numbers, pos_errors=errors, blunders=b) for b in (None, Blunders()))
+    numbers, errors = unknowns(clean.scene), frame_errors(clean.scene)
+    plain, found = (adjust(clean.drawn.sensor, block, numbers, errors=errors, blunders=b) for b in (None, Blunders()))
     lost = np.zeros(len(wrong), dtype=bool)
     lost[block.point[~found.used]] = True
     tie = block.role == "tie"
@@ -217,15 +216,12 @@ class Weighed(NamedTuple):
 def weights(scene: Scene, seed: int) -> Weighed:
     """Sigmas from the data, where those of ties and of POS are given 3 times too large and those of points 3 times too small."""
     drawn = draw(scene, seed)
-    block, errors = drawn.block, PosErrors(**pos_errors(scene))
+    block = drawn.block
     tie = block.role[block.point] == "tie"
     given = dataclasses.replace(
         block, sigma_px=block.sigma_px * np.where(tie, 3.0, 1 / 3)[:, None], covariance_m2=block.covariance_m2 / 9
     )
-    wide = dataclasses.replace(
-        errors, turn_sigma_rad=tuple(3 * np.array(errors.turn_sigma_rad)), shift_sigma_m=tuple(3 * np.array(errors.shift_sigma_m))
-    )
-    components = adjust(drawn.sensor, given, unknowns(scene), pos_errors=wide, reweigh=True).components
+    components = adjust(drawn.sensor, given, unknowns(scene), errors=frame_errors(scene, scale=3.0), reweigh=True).components
     assert components is not None
     start = np.array([3.0, 1 / 3, 3.0, 3.0])
     return Weighed(tuple(components.names), start, start * components.factor, components.log_sigma)
@@ -240,8 +236,8 @@ class Loop(NamedTuple):
 
 def two_steps(scene: Scene, seed: int, white: bool, max_rounds: int) -> Loop:
     """The paper's loop and the joint adjustment of one block, with POS errors taken as correlated or as white."""
-    drawn, numbers, errors = draw(scene, seed), unknowns(scene), PosErrors(**pos_errors(scene, white))
-    joint = adjust(drawn.sensor, drawn.block, numbers, pos_errors=errors)
+    drawn, numbers, errors = draw(scene, seed), unknowns(scene), frame_errors(scene, white)
+    joint = adjust(drawn.sensor, drawn.block, numbers, errors=errors)
     block = joint.block  # its rays are at their crossings already
-    loop = two_step(drawn.sensor, block, numbers, pos_errors=errors, mounts=MOUNTS, retime=False, max_rounds=max_rounds)
+    loop = two_step(drawn.sensor, block, numbers, errors=errors, mounts=MOUNTS, retime=False, max_rounds=max_rounds)
     return Loop(loop, np.abs((loop.values - joint.value[:6]) / joint.trust.sigma[:6]).max(axis=1))

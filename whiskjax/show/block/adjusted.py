@@ -142,7 +142,7 @@ class Adjusted:
     @cached_property
     def course(self) -> Course | None:
         """The estimated motions of the trajectory; None where it was kept."""
-        errors = self.adjustment.pos_errors
+        errors = self.adjustment.motions
         if errors is None:
             return None
         link = errors.stations(self.adjustment.sensor)

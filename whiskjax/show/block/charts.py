@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...estimate.block.pos_errors import AXES
+from ...estimate.errors import AXES
 from ...rules import import_extra
 from ..scales import places_of, words_of
 from ..style import (
@@ -255,7 +255,7 @@ def _along(
 
 def draw_corrections(adjusted: Adjusted, course: Course) -> Drawing:
     """Corrections of the trajectory at stations with one sigma, strip by strip, and the sigma that POS was given."""
-    errors = adjusted.adjustment.pos_errors
+    errors = adjusted.adjustment.motions
     assert errors is not None  # there is a course
     rows = [k for k in range(6) if errors.sigma[k] > 0]
     segments = course.segments[:_COLUMNS]

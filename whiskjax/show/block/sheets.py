@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...estimate.block.pos_errors import AXES
+from ...estimate.errors import AXES
 from ...files.navigation import position_texts
 from ..plain import Summary, number
 from ..scales import place_columns, scale_columns, scale_values

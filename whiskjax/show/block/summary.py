@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.block import ROLES
-from ...estimate.block.pos_errors import AXES
+from ...estimate.errors import AXES
 from ..plain import (
     PRIOR_ONLY,
     Summary,
@@ -66,7 +66,7 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "left_out": _largest(adjusted, adjusted.wrong, len(adjusted.block)),
         "seen_once": list(adjustment.left_out),
         "weights": weights(adjustment.components),
-        "warnings": list(adjustment.warnings),
+        "warnings": [*adjustment.warnings, *_left_out(adjusted)],
         "versions": versions("jax", "numpy"),
     }
     data["verdict"] = _verdict(adjusted, data)
@@ -109,9 +109,16 @@ def _unknowns(adjusted: Adjusted) -> list[Summary]:
     return rows
 
 
+def _left_out(adjusted: Adjusted) -> list[str]:
+    """What the flight says of errors that the adjustment did not count."""
+    counted = {one.frame for one in adjusted.adjustment.errors}
+    others = dict.fromkeys(one.frame for one in adjusted.flight.errors if one.frame not in counted)
+    return [f"errors of {', '.join(others)} are not counted: no motions are estimated there"] if others else []
+
+
 def _corrections(adjusted: Adjusted) -> Summary | None:
     """What was added to the trajectory, axis by axis; None where it was kept."""
-    errors, course = adjusted.adjustment.pos_errors, adjusted.course
+    errors, course = adjusted.adjustment.motions, adjusted.course
     if errors is None or course is None:
         return None
     rows = []
@@ -123,7 +130,7 @@ def _corrections(adjusted: Adjusted) -> Summary | None:
                 "axis": axis,
                 "unit": unit,
                 "prior_sigma": factor * prior,
-                "correlation_s": time,
+                "correlation_s": list(time) if isinstance(time, tuple) else time,
                 "rms": number(np.sqrt((value**2).mean())),
                 "max_abs": number(np.abs(value).max()),
                 "median_sigma": number(np.median(sigma)),

@@ -184,10 +184,10 @@ def _largest(sighting: Sighting) -> list[Summary]:
 
 def _own_warnings(sighting: Sighting) -> list[str]:
     """What the location itself cannot know."""
-    if sighting.flight.noise:
+    if sighting.flight.errors:
         return []
     return [
-        "the flight states no noise of its recorded poses ([[noise]] in flight.toml): the covariance counts the image "
+        "the flight states no errors of its recorded poses ([[error]] in flight.toml): the covariance counts the image "
         "measurements alone"
     ]
 
