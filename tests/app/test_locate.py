@@ -365,7 +365,7 @@ def test_a_local_world_has_a_plane_and_no_maps(whiskjax, block, tmp_path):
     np.testing.assert_allclose([found["position"][key] for key in ("x_m", "y_m", "z_m")], expected.point_m, rtol=0, atol=1e-9)
     assert np.abs(np.asarray(expected.point_m) - target).max() < 0.5 and found["truth"] is None
     assert found["looks"]["first_time_s"] is None
-    assert any("no noise of its recorded poses" in warning for warning in found["warnings"])
+    assert any("no errors of its recorded poses" in warning for warning in found["warnings"])
 
 
 def test_the_command_can_be_repeated(located, looks):

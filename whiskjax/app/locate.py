@@ -198,11 +198,9 @@ def _locate(
             guess = first_guess(flight.sensor, looks, surface, np.array(sigma_enu))
     except SensorError as error:
         raise SensorError(f"{error}; it was cut at a height of {height:g} m, and --height sets another") from error
-    counted = [one for one in flight.errors if not any(one.free) and one.is_white and one.axes == "frame"]
-    if others := [one.frame for one in flight.errors if one not in counted]:
-        remarks.append(
-            f"errors of {', '.join(dict.fromkeys(others))} that looks have in common, or of free poses, are not counted"
-        )
+    counted = [one for one in flight.errors if not any(one.free)]
+    if free := dict.fromkeys(one.frame for one in flight.errors if any(one.free)):
+        remarks.append(f"the poses of {', '.join(free)} were not recorded; they count as the flight holds them")
     location = solve(
         flight.sensor,
         looks,

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Component, Vec3, is_structural, vadd
+from ..algebra.vectors import Component, Mat3, Vec3, is_structural, vadd
 from ..chain.pose import Motion
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
@@ -112,8 +112,10 @@ class FrameErrors(eqx.Module):
         """
         return 0 if self.anew == "flight" else shot.need(self.anew, f"for which errors of {self.frame} are drawn anew")
 
-    def exposures(self, shot: Shot) -> "Exposures":
+    def exposures(self, shot: Shot, count: int | None = None) -> "Exposures":
         """What the errors have to know of exposures, each (n,): time where it matters, and which of them share a draw.
+
+        **Arguments:** `count`: how many there are, where nothing of the shots says it.
 
         **Raises:** `WhiskjaxError` where the shots lack it, or are no list.
         """
@@ -121,16 +123,16 @@ class FrameErrors(eqx.Module):
         shape = np.broadcast_shapes(*shapes, *(np.shape(sigma) for sigma in self.sigma))
         if len(shape) > 1:
             raise WhiskjaxError(f"exposures of the shape {shape}: errors are correlated along one axis; use vmap for the others")
-        n = shape[0] if shape else 1
+        n = shape[0] if shape else 1 if count is None else count
         time = None
         if any(self.memory[k] == FADING for k in self.acting):
             time = jnp.broadcast_to(shot.need("time_s", f"by which errors of {self.frame} are forgotten"), (n,))
         is_white = all(self.memory[k] == WHITE for k in self.acting)
         return Exposures(n, time, jnp.broadcast_to(jnp.asarray(0 if is_white else self.key(shot)), (n,)))
 
-    def correlation(self, shot: Shot, component: int) -> Float[Array, "n n"]:
+    def correlation(self, shot: Shot, component: int, count: int | None = None) -> Float[Array, "n n"]:
         """The correlation of one component (0 to 5, as in `AXES`) between exposures: exp(-|dt| / tau), 0 where drawn anew."""
-        n, time, group = self.exposures(shot)
+        n, time, group = self.exposures(shot, count)
         return correlation(self.memory[component], self.correlation_s[component], time, group[:, None] == group[None, :], n)
 
     def covariance(self, shot: Shot) -> Float[Array, "6 n n"]:
@@ -174,9 +176,15 @@ class Exposures(NamedTuple):
     group: Array
 
 
-def motion_of(component: int) -> Motion:
-    """The unit motion of one of the six components, its zeros and ones structural."""
-    return _MOTIONS[component]
+def unit_motion(component: int, turned: Mat3 | None = None) -> Motion:
+    """The unit motion of one of the six components in the frame's axes, its zeros and ones structural.
+
+    **Arguments:** `turned`: the rotation from the statement's axes into the frame's, where they are level.
+    """
+    if turned is None:
+        return _MOTIONS[component]
+    column = tuple(row[component % 3] for row in turned)
+    return Motion(turn=column) if component < 3 else Motion(shift=column)
 
 
 def need_errors(owner: str, errors: Any) -> tuple[FrameErrors, ...]:

@@ -202,7 +202,8 @@ class Flight:
         role = np.asarray(self.points.roles)[self.measurements.point]
         keep = np.flatnonzero(role != "tie")
         image, point = self.measurements.image[keep], self.measurements.point[keep]
-        shot, position = self.shot(image, self.measurements.line_px[keep]), self.points.position_m[point]
+        shot = self._for_errors(self.shot(image, self.measurements.line_px[keep]), image)
+        position = self.points.position_m[point]
         return Observations(
             shot,
             position,
@@ -258,7 +259,18 @@ class Flight:
         if self.is_line and self.measurements.is_in_lines[index].any():
             height = lambda: ground_height_m(self, index, points) if height_m is None else height_m
             seen = where_seen(self, index, np.zeros(len(index), dtype=int), height)
-        return Looks(shot, self._pixels(index), sigma_px(self, index, shot, seen, at_crossing=False)), index
+        sigma = sigma_px(self, index, shot, seen, at_crossing=False)
+        return Looks(self._for_errors(shot, self.measurements.image[index]), self._pixels(index), sigma), index
+
+    def _for_errors(self, shot: Shot, image_index: np.ndarray) -> Shot:
+        """The shots with the keys for which errors are drawn anew, where no link asks for them and every image has one."""
+        for key in {one.anew for one in self.errors} - {"flight"}:
+            names = [image.key(key) for image in self.images]
+            if getattr(shot, key) is None and None not in names:
+                order = list(dict.fromkeys(names))
+                numbers = np.array([order.index(name) for name in names])
+                shot = dataclasses.replace(shot, **{key: numbers[image_index]})
+        return shot
 
     def _pixels(self, index: np.ndarray) -> Float[np.ndarray, "n 2"]:
         """Measured (sample, line offset) or (column, row): at its own time a point lies on the line, at offset zero."""

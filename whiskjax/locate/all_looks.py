@@ -18,14 +18,16 @@ _GATES = (64.0, 16.0, 4.0, 1.0)
 class Equations(NamedTuple):
     """All looks, linearised at a state of the last look; residuals, rows and noise in sigmas of the pixel.
 
-    `weight` is the inverse covariance of each look's noise, zero for looks left out; `data` the information of the looks alone,
+    `noise` is the covariance of each look's, `joint` that of all looks together where their errors have something in common;
+    `weight` is the inverse of the one or the other, zero for looks left out; `data` the information of the looks alone,
     `formal` the covariance of what is estimated as if what is considered were known, zero there.
     """
 
     residual: Float[Array, "looks 2"]
     rows: Float[Array, "looks 2 n"]
     noise: Float[Array, "looks 2 2"]
-    weight: Float[Array, "looks 2 2"]
+    weight: Float[Array, "looks 2 2"] | Float[Array, "looks 2 looks 2"]
+    joint: Float[Array, "looks 2 looks 2"] | None
     counts: Bool[Array, " looks"]
     data: Float[Array, "n n"]
     formal: Float[Array, "n n"]
@@ -62,7 +64,7 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
         def once(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
             state, _ = carry
             found = equations(model, information, state, used)
-            right = jnp.einsum("kan,kab,kb->n", found.rows, found.weight, found.residual) + information @ (mean - state)
+            right = _weighed(found.rows, found.weight, found.residual) + information @ (mean - state)
             step = found.formal @ right
             sigma = jnp.sqrt(jnp.diag(found.formal))
             return state + step, jnp.abs(step / jnp.where(sigma > 0, sigma, 1.0)).max()
@@ -79,7 +81,7 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
     effect = considered(found, estimated)
     residual_covariance = _residual_covariance(found, spread, estimated, used)
     away = state - mean
-    cost = jnp.einsum("ka,kab,kb->", found.residual, found.weight, found.residual) + away @ information @ away
+    cost = _weighed(found.residual, found.weight, found.residual) + away @ information @ away
     return Solved(
         state,
         found.formal + effect @ spread @ effect.T,
@@ -108,12 +110,17 @@ def equations(
     """Linearise all looks; `information` is that of the prior."""
     seen = _one_by_one(model, state)
     residual, rows, noise = (jnp.stack(seen.residual, -1), _stacked(seen.rows), _pairs(seen.noise))
-    weight = jnp.where((seen.counts & used)[:, None, None], _inverse(noise), 0.0)
-    data = jnp.einsum("kan,kab,kbm->nm", rows, weight, rows)
+    part, joint = seen.counts & used, None
+    if model.remembered.size:
+        joint = _joint(noise, _stacked(seen.effects), model.remembered.kernel())
+        noise, weight = jnp.einsum("kakb->kab", joint), _inverse_of_all(joint, part)
+    else:
+        weight = jnp.where(part[:, None, None], _inverse(noise), 0.0)
+    data = _weighed(rows, weight, rows)
     share = jnp.asarray(model.share, dtype=float)
     both = jnp.outer(share, share)
     formal = jnp.linalg.inv((data + information) * both + jnp.diag(1 - share)) * both
-    return Equations(residual, rows, noise, weight, seen.counts, data, formal)
+    return Equations(residual, rows, noise, weight, joint, seen.counts, data, formal)
 
 
 def _one_by_one(model: Model, state: Float[Array, " n"]) -> Expected:
@@ -147,8 +154,38 @@ def _residual_covariance(
     """Of the residuals at the solution: looks that took part were fitted, the others were not."""
     fitted = jnp.einsum("kan,nm,kbm->kab", found.rows, found.formal, found.rows)
     bent = jnp.einsum("kan,nm->kam", found.rows, considered(found, estimated))
+    if found.joint is not None:
+        # R - M R - R M^T + H F H^T with M = H F H^T W: a look left out was predicted by others that share its errors.
+        shared = jnp.einsum("kan,nm,lcm,lcjd,jdkb->kab", found.rows, found.formal, found.rows, found.weight, found.joint)
+        own = found.noise + fitted - shared - shared.swapaxes(1, 2)
+        return own + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
     sign = jnp.where(used & found.counts, -1.0, 1.0)[:, None, None]
     return found.noise + sign * fitted + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
+
+
+def _weighed(a: Array, weight: Array, b: Array) -> Array:
+    """a^T W b over all looks; the last axes of a and b, where they have one, stay."""
+    left, right = ("n" if a.ndim == 3 else ""), ("m" if b.ndim == 3 else "")
+    if weight.ndim == 4:
+        return jnp.einsum(f"ka{left},kalb,lb{right}->{left}{right}", a, weight, b)
+    return jnp.einsum(f"ka{left},kab,kb{right}->{left}{right}", a, weight, b)
+
+
+def _joint(
+    noise: Float[Array, "looks 2 2"], effects: Float[Array, "looks 2 m"], kernel: Float[Array, "m looks looks"]
+) -> Float[Array, "looks 2 looks 2"]:
+    """The covariance of all looks: what is new at each, and what they have in common, sums of e_k e_l^T times a correlation."""
+    own = jnp.einsum("kab,kl->kalb", noise, jnp.eye(noise.shape[0]))
+    return own + jnp.einsum("kam,mkl,lbm->kalb", effects, kernel, effects)
+
+
+def _inverse_of_all(joint: Float[Array, "looks 2 looks 2"], part: Bool[Array, " looks"]) -> Float[Array, "looks 2 looks 2"]:
+    """The inverse of the covariance of the looks that take part; zero for the others."""
+    looks = joint.shape[0]
+    both = (part[:, None] & part[None, :])[:, None, :, None]
+    alone = jnp.where(part, 0.0, 1.0)[:, None, None, None] * jnp.eye(2 * looks).reshape(joint.shape)
+    inverse = jnp.linalg.inv((jnp.where(both, joint, 0.0) + alone).reshape(2 * looks, 2 * looks))
+    return jnp.where(both, inverse.reshape(joint.shape), 0.0)
 
 
 def _nis(found: Equations, covariance: Float[Array, "looks 2 2"]) -> Float[Array, " looks"]:

@@ -48,15 +48,31 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
     def one(carry: Any, own: Model) -> tuple[Any, Any]:
         look = eqx.combine(own, shared)
         belief = Belief(carry[0], _full(carry[1]))
+        if look.remembered.size:
+            belief = Belief(*look.remembered.predict(*belief))
         if look.density is not None:
             belief = Belief(*predict(*belief, Transition(look.step_s, look.density)))
         step = correct(look, belief, iterations, gate_nis)
         carry = step.belief.state, _upper(step.belief.covariance)
         return carry, step._replace(belief=carry)
 
+    n, prior = len(prior.state), _with_errors(prior, model.remembered.size)
     start = jax.tree.map(lambda c: jnp.asarray(c, dtype=float), (prior.state, _upper(prior.covariance)))
     (state, upper), steps = jax.lax.scan(one, start, own)
-    return Belief(state, _full(upper)), steps._replace(belief=Belief(steps.belief[0], _full(steps.belief[1])))
+    return _first(n, state, _full(upper)), steps._replace(belief=_first(n, steps.belief[0], _full(steps.belief[1])))
+
+
+def _with_errors(prior: Belief, more: int) -> Belief:
+    """The same with whitened errors behind; the first look draws them, whatever they are here."""
+    n = len(prior.state)
+    wider = [(*row, *(0.0,) * more) for row in prior.covariance]
+    wider += [tuple(float(i == j) for j in range(n + more)) for i in range(n, n + more)]
+    return Belief((*prior.state, *(0.0,) * more), tuple(wider))
+
+
+def _first(n: int, state: State, covariance: Covariance) -> Belief:
+    """What is told of it: the target and the numbers of the sensor."""
+    return Belief(state[:n], tuple(row[:n] for row in covariance[:n]))
 
 
 def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
@@ -65,7 +81,7 @@ def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None)
     def relinearise(i: Any, last: _Pass) -> _Pass:
         linear = _linearise(look, prior, last.state)
         predicted = jax.tree.map(lambda new, old: jnp.where(i == 0, new, old), linear.innovation, last.predicted)
-        residual, share = linear.seen.residual, look.share
+        residual, share = linear.seen.residual, look.share + (1,) * look.remembered.size
         if iterations:
             # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
             way = tuple(sub(a, b) for a, b in zip(prior.state, last.state, strict=True))

@@ -18,6 +18,7 @@ from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.errors import FrameErrors, need_errors
 from ..estimate.estimate import Estimate
 from ..estimate.given import Knowledge
+from ..estimate.level import refuse_unknown_up
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
@@ -30,6 +31,7 @@ from .model import Model
 from .motion import ConstantVelocity
 from .nuisance import gather
 from .problem import Problem, as_matrix
+from .remembered import remember
 from .verdict import convergence, has_diverged, weakest
 
 _RELINEARISED = {"extended": 0, "iterated": 5}
@@ -62,8 +64,9 @@ def locate(
     - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
     - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
-    - `errors`: how the recorded poses of frames err, new at every look; without them R is that of the pixels alone, as in Liu et
-      al. (2019).
+    - `errors`: how the recorded poses of frames err; without them R is that of the pixels alone, as in Liu et al. (2019). What is
+      new at every look enters R; what looks have in common is estimated with the target, by a filter as states, by a batch as the
+      covariance of all looks (dense: time grows with the third power of their number, and a filter's verdict compares with it).
     - `method`: "extended" (Liu et al. 2019, equations 13 to 18), "iterated" (each look linearised again at its own result), or
       "batch" (Gauss-Newton over all looks).
     - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
@@ -102,7 +105,8 @@ def locate(
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
     for one in errors:
-        _refuse(one, sensor)
+        _refuse(one, sensor, looks, surface)
+    common = remember(errors, looks.shot, len(looks))
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
         raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
     if motion is not None:
@@ -119,21 +123,18 @@ def locate(
     if not is_traced(looks.pixel_px):
         tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
-    answer = _solve(Problem(sensor, looks, guess, surface, errors, nuisance, motion), method, nis)
+    answer = _solve(Problem(sensor, looks, guess, surface, errors, nuisance, motion, common), method, nis)
     if throw:
         _raise(answer)
     return answer
 
 
-def _refuse(one: FrameErrors, sensor: Sensor) -> None:
+def _refuse(one: FrameErrors, sensor: Sensor, looks: Looks, surface: AbstractSurface) -> None:
     """**Raises:** `WhiskjaxError` for errors of which a target's covariance can know nothing."""
     one.check(sensor)
     one.refuse_free("locate")
-    if not one.is_white or one.axes != "frame":
-        raise WhiskjaxError(
-            f"locate: errors of {one.frame} are to be new at every look (correlation_s=0), in the axes of the frame; what "
-            "looks have in common is an unknown: estimate=... or consider=..."
-        )
+    if one.axes == "level":
+        refuse_unknown_up(one.frame, sensor.pose(looks.shot, one.frame).translation, surface)
 
 
 @eqx.filter_jit

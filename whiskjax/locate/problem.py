@@ -19,6 +19,7 @@ from .looks import Looks
 from .model import Model
 from .motion import ConstantVelocity, in_world
 from .nuisance import Nuisance
+from .remembered import Remembered, levels
 
 
 class Problem(eqx.Module):
@@ -31,6 +32,7 @@ class Problem(eqx.Module):
     errors: tuple[FrameErrors, ...]
     nuisance: Nuisance
     motion: ConstantVelocity | None
+    remembered: Remembered = Remembered()
 
     def pose(self) -> tuple[Model, Belief]:
         """The looks, made ready, and the belief before the first of them; both in the axes of the world, from the guess.
@@ -55,7 +57,9 @@ class Problem(eqx.Module):
         # The sum over a single entry takes it out; an index would be made a transposed copy of all runs under vmap.
         pixel = tuple(jnp.where(known, self.looks.pixel_px[:, i : i + 1].sum(axis=1), jnp.nan) for i in (0, 1))
         sigma = unstack(self.looks.sigma_px)
-        return Model(sensor, shots, pixel, sigma, self.errors, self.nuisance, anchor, step, since, density), prior
+        turned = levels(self.errors, self.sensor, self.looks.shot, self.surface)
+        parts = self.errors, turned, self.remembered, self.nuisance, anchor, step, since, density
+        return Model(sensor, shots, pixel, sigma, *parts), prior
 
 
 def as_matrix(rows: Sequence[Sequence[Component]]) -> Float[Array, "... n n"]:
