@@ -198,9 +198,11 @@ def _locate(
             guess = first_guess(flight.sensor, looks, surface, np.array(sigma_enu))
     except SensorError as error:
         raise SensorError(f"{error}; it was cut at a height of {height:g} m, and --height sets another") from error
-    counted = [one for one in flight.errors if not any(one.free)]
-    if free := dict.fromkeys(one.frame for one in flight.errors if any(one.free)):
-        remarks.append(f"the poses of {', '.join(free)} were not recorded; they count as the flight holds them")
+    # Beside a free pose a finite statement says how far its start was off, which is no error of a pose that was found since.
+    free = dict.fromkeys(one.frame for one in flight.errors if any(one.free))
+    counted = [one for one in flight.errors if one.frame not in free]
+    if free:
+        remarks.append(f"the poses of {', '.join(free)} were not recorded; they count as the flight holds them, as exact")
     location = solve(
         flight.sensor,
         looks,

@@ -184,7 +184,8 @@ def _largest(sighting: Sighting) -> list[Summary]:
 
 def _own_warnings(sighting: Sighting) -> list[str]:
     """What the location itself cannot know."""
-    if sighting.flight.errors:
+    free = {one.frame for one in sighting.flight.errors if any(one.free)}
+    if any(one.frame not in free for one in sighting.flight.errors):
         return []
     return [
         "the flight states no errors of its recorded poses ([[error]] in flight.toml): the covariance counts the image "
