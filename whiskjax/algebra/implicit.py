@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Float
 
 from .vectors import Component, columns, mul, sub
 
@@ -28,24 +29,42 @@ def implicit(equations: Callable[..., Sequence[Component]], x: Sequence[Componen
 
     **Returns:** the same numbers as `x`.
     """
+    residual, leaves = _of_leaves(equations, given)
+    return _solution(residual, _elementwise, tuple(jax.lax.stop_gradient(c) for c in x), *leaves)
+
+
+def stationary(slope: Callable[..., Array], x: Float[Array, " k"], *given: Any) -> Float[Array, " k"]:
+    """As `implicit`, of a vector x at which a cost is least: its slope g(x, a) is zero, and dx = -H^-1 (dg/da) da.
+
+    H, the derivative of the slope, is the whole Hessian, with the curvature of the residuals. One solution with it, whatever the
+    iteration was that found x.
+
+    **Arguments:** `slope`: g(x, *given), (k,).
+    """
+    residual, leaves = _of_leaves(slope, given)
+    return _solution(residual, _by_hessian, jax.lax.stop_gradient(x), *leaves)
+
+
+def _of_leaves(equations: Callable[..., Any], given: Any) -> tuple[Callable[..., Any], list[Any]]:
+    """The equations as a function of x and the arrays in what is given, and those arrays."""
     arrays, rest = eqx.partition(given, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
 
-    def residual(x: Sequence[Component], leaves: Sequence[Any]) -> tuple[Component, ...]:
-        return tuple(equations(x, *eqx.combine(jax.tree.unflatten(structure, leaves), rest)))
+    def residual(x: Any, leaves: Sequence[Any]) -> Any:
+        return equations(x, *eqx.combine(jax.tree.unflatten(structure, leaves), rest))
 
-    return _solution(residual, tuple(jax.lax.stop_gradient(c) for c in x), *leaves)
+    return residual, leaves
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _solution(residual: Callable[..., Any], x: tuple[Component, ...], *leaves: Any) -> tuple[Component, ...]:
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _solution(residual: Callable[..., Any], solve: Callable[..., Any], x: Any, *leaves: Any) -> Any:
     return x
 
 
 @partial(_solution.defjvp, symbolic_zeros=True)
-def _solution_jvp(residual, primals, tangents):
+def _solution_jvp(residual, solve, primals, tangents):
     found, *leaves = primals
-    x = _solution(residual, found, *leaves)
+    x = _solution(residual, solve, found, *leaves)
     # What does not move is left out, rather than multiplied by zeros: a sensor has many numbers, of which few are asked.
     moving = {i: t for i, t in enumerate(tangents[1:]) if not isinstance(t, SymbolicZero)}
 
@@ -54,9 +73,16 @@ def _solution_jvp(residual, primals, tangents):
         return residual(x, [moved.get(i, leaf) for i, leaf in enumerate(leaves)])
 
     _, change = jax.jvp(with_moved, tuple(leaves[i] for i in moving), tuple(moving.values()))
-    by_x = columns(lambda *x: residual(x, leaves), x)
-    dx = _solve(by_x, change)
-    return x, tuple(jnp.broadcast_to(-d, c.shape) for d, c in zip(dx, x, strict=True))
+    return x, solve(lambda x: residual(x, leaves), x, change)
+
+
+def _elementwise(residual: Callable[..., Any], x: tuple[Component, ...], change: Sequence[Component]) -> tuple[Component, ...]:
+    by_x = columns(lambda *x: tuple(residual(x)), x)
+    return tuple(jnp.broadcast_to(-d, c.shape) for d, c in zip(_solve(by_x, tuple(change)), x, strict=True))
+
+
+def _by_hessian(slope: Callable[..., Any], x: Float[Array, " k"], change: Float[Array, " k"]) -> Float[Array, " k"]:
+    return -jnp.linalg.solve(jax.jacfwd(slope)(x), change)
 
 
 def _solve(by_x: Sequence[Sequence[Component]], right: Sequence[Component]) -> tuple[Component, ...]:

@@ -6,14 +6,16 @@ unit of the numbers that go with it.
 
 import dataclasses
 import re
+from functools import cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..algebra.vectors import is_structural
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, is_traced
 from .by import By
 from .part import AbstractPart
 from .sensor import Sensor
@@ -45,6 +47,7 @@ _INNER, _SHOWN = re.compile("_rad$"), re.compile("_deg$")
 _FORM = re.compile(r"^([A-Za-z_]\w*(?:\.[\w-]+)+)(?:\[((?:0|[1-9][0-9]*)(?:\s*,\s*(?:0|[1-9][0-9]*))*)\])?$")
 
 
+@cache
 def parse(text: str) -> Address:
     """A place, with its angles in degrees or in radians.
 
@@ -122,7 +125,12 @@ def put(sensor: Sensor, addresses: list[Address], values: list[Any]) -> Sensor:
     leaves = []
     for first, ks in zip(firsts, by_leaf.values(), strict=True):
         leaf = node_at(sensor, first)
-        if leaf.ndim == 0:
+        if not any(map(is_traced, (leaf, *(values[k] for k in ks)))):  # nothing to trace, and nothing to compile
+            array = np.array(leaf)
+            for k in ks:
+                array[addresses[k].index] = values[k]
+            leaf = jnp.asarray(array)
+        elif leaf.ndim == 0:
             leaf = jnp.asarray(values[ks[-1]], dtype=leaf.dtype)
         elif leaf.ndim == 1:
             entries = {addresses[k].index[0]: values[k] for k in ks}

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, apply
+from ..rules import plain
 from .address import Address, put, read
 from .by import By
 from .imaging import apparent
@@ -68,6 +69,11 @@ class Parameters(eqx.Module):
         return tuple(dict.fromkeys(place.link for of in self.places for place in of))
 
     @property
+    def has_prior(self) -> Any:
+        """Which numbers have a prior, (k,)."""
+        return (plain(self.root) != 0).any(axis=1)
+
+    @property
     def information(self) -> Float[Array, "k k"]:
         """Of the prior, whitened."""
         return self.root.T @ self.root
@@ -76,9 +82,10 @@ class Parameters(eqx.Module):
         """In the units of the fields."""
         return self.mean + self.scale * u
 
-    def put(self, sensor: Sensor, u: Sequence[Component] | Float[Array, " k"]) -> Sensor:
+    def put(self, sensor: Sensor, u: Any) -> Sensor:
         """The sensor with whitened numbers put in."""
-        pairs = [(place, self.mean[k] + self.scale[k] * u[k]) for k, of in enumerate(self.places) for place in of]
+        mean, scale = plain(self.mean), plain(self.scale)  # single numbers of a device are slow to read
+        pairs = [(place, mean[k] + scale[k] * u[k]) for k, of in enumerate(self.places) for place in of]
         return put(sensor, [place for place, _ in pairs], [value for _, value in pairs]) if pairs else sensor
 
     def columns(self, sensor: Sensor, shot: Shot, met: Mapping[str, Passage]) -> list[Columns]:

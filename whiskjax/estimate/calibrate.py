@@ -2,8 +2,10 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,9 +13,9 @@ from jaxtyping import Bool, Float
 
 from ..chain.detector import beside_detector
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, SensorError, WhiskjaxError, first_failure, need, need_flags, require_x64
+from ..rules import RESULTS, SensorError, WhiskjaxError, arrays_of, first_failure, need, need_flags, plain, require_x64
 from ..rules.progress import tell
-from ..rules.results import codes_of, is_successful, message_of
+from ..rules.results import codes_of, failure_if, is_successful, message_of
 from .blunders import Blunders, data_snooping
 from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
 from .estimate import Estimate
@@ -21,14 +23,13 @@ from .given import Given, Knowledge, given
 from .linearised import LeastSquares, Linearised, impossible, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
 from .observations import Observations
-from .posterior import Posterior, posterior
+from .posterior import RANK_TOLERANCE, Posterior, posterior
 from .reliability import Reliability, log_density, of_common_points, reliability
-from .unknown import Unknown, admit, assign
+from .solution import NEAR, POLISH
+from .unknown import Unknown, admit
 from .variance_components import Components, Reweigh, components, group, weighing
 from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
-# Gauss-Newton steps after the solver, while they are this small (of a prior sigma or scale).
-_POLISH, _NEAR = 3, 1e-2
 # Under a robust loss, a residual of more sigmas than this is a blunder and does not count in the model test (chance: 3e-4).
 _BLUNDER = 4.0
 # Rounds of new weights and new blunders, until no factor changes by this.
@@ -48,8 +49,23 @@ class Fit(NamedTuple):
     check: CheckTest = UNTESTED
 
 
-@dataclasses.dataclass(frozen=True)
-class Calibration:
+class Considered(NamedTuple):
+    """What c numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
+
+    A change of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them; `moved` is that without
+    its sign, so that its square widens the covariance.
+    """
+
+    effect: Float[Any, "n 2 c"]
+    moved: Float[Any, "k c"]
+
+    def covariance(self, scale: Float[Any, " k"]) -> Float[Any, "k k"]:
+        """What they add to the covariance of the unknowns, in the units of the fields."""
+        by = self.moved * scale[:, None]
+        return by @ by.T
+
+
+class Calibration(eqx.Module):
     """A calibrated sensor, and what says how far to trust it.
 
     Values and sigmas are in the unit of the fields (m, rad, s, px); `Unknown.unit` shows them to people. Residuals are measured -
@@ -60,36 +76,94 @@ class Calibration:
     one line is `px_per_line` of them.
 
     `robust_weight` is 1 for a good observation, less under a robust loss, 0 for a blunder that was left out.
-    `used` are the observations that decided: control points that are no blunders. `check_log_density` is the mean logarithm of
-    the probability density, per pixel^2, that the calibration gave to each check point before looking (NaN without check points).
+    `used` are the observations that decided: control points that are no blunders.
+
+    Under jit, vmap and derivatives `sensor`, `estimate`, `residual_after_px` and `result` are traced; what is told to people
+    (`posterior`, `fit`, `reliability`, `warnings`) is worked out when somebody looks at it, outside.
     """
 
     sensor: Sensor
     unknowns: tuple[Unknown, ...]
-    start: Float[np.ndarray, " k"]
-    value: Float[np.ndarray, " k"]
-    posterior: Posterior
-    fit: Fit
-    residual_before_px: Float[np.ndarray, "n 2"]
-    residual_after_px: Float[np.ndarray, "n 2"]
-    observations: Observations
-    robust_weight: Float[np.ndarray, " n"]
-    used: Bool[np.ndarray, " n"]
-    reliability: Reliability
+    start: Float[Any, " k"]
+    estimate: Estimate
+    used: Bool[Any, " n"]
     components: Components | None
-    check_log_density: float
-    steps: int
-    result: RESULTS
-    warnings: tuple[str, ...]
+    steps: Any
+    _ready: LeastSquares
+    _here: Linearised
+    _formal: Float[Any, "k k"]
+    _considered: Considered | None
+    _share: Float[Any, " n"]
+    _most: float = eqx.field(static=True)
 
     @property
-    def estimate(self) -> Estimate:
-        """The unknowns with their joint covariance: knowledge for the next verb."""
-        trust, fit = self.posterior, self.fit
-        names, places = tuple(x.name for x in self.unknowns), tuple(x.places for x in self.unknowns)
-        cost = np.asarray(fit.variance_factor * fit.degrees_of_freedom)
-        share, freedom = 1 - trust.data_share, fit.degrees_of_freedom
-        return Estimate(self.value, trust.covariance, share, cost, freedom, self.result, names, places)
+    def value(self) -> Float[Any, " k"]:
+        """Of the unknowns."""
+        return self.estimate.value
+
+    @property
+    def result(self) -> RESULTS:
+        """How the solution ended."""
+        return self.estimate.result
+
+    @property
+    def observations(self) -> Observations:
+        """With the sigmas that were weighed by."""
+        return self._ready.observations
+
+    @property
+    def residual_before_px(self) -> Float[Any, "n 2"]:
+        """Measured less projected where the unknowns start."""
+        return self._ready.before_px
+
+    @property
+    def residual_after_px(self) -> Float[Any, "n 2"]:
+        """Measured less projected at the solution."""
+        return self._here.residual_px
+
+    @property
+    def robust_weight(self) -> Float[Any, " n"]:
+        """How much each observation pulls; 1 for check points."""
+        return self._share
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """What the data said: covariance, share that is not prior, rank, null space."""
+        used = np.asarray(self.used)
+        pull = np.sqrt(np.asarray(self._share)[used])[:, None, None]
+        rows = (pull * np.asarray(self._here.rows)[used]).reshape(-1, len(self.unknowns))
+        found = posterior(rows, self._ready.scale, np.asarray(self._ready.prior), self.estimate.names)
+        return found if self._considered is None else found.widened(self._considered.covariance(self._ready.scale))
+
+    @cached_property
+    def fit(self) -> Fit:
+        """How well the model meets the observations, and what the check points say."""
+        control = self.observations.is_control
+        kept = self.used if self._ready.problem.loss is None else self.used & (self._here.squared <= _BLUNDER**2)
+        factor, tail, sound = consistency(float(self.estimate.cost), freedom := int(self.estimate.freedom))
+        sound = sound and bool(kept.sum() > (1 - self._most) * control.sum())
+        check = _checked(self._ready, self._here, self._common, ~control) if self.posterior.is_determined else UNTESTED
+        return Fit(factor, tail, sound, freedom, check)
+
+    @property
+    def _common(self) -> Float[np.ndarray, "n 2 m"]:
+        """How the errors of the answer, columns of variance 1, move every whitened residual."""
+        common = self._here.rows @ _root(np.asarray(self._formal))
+        if self._considered is None:
+            return common
+        effect, moved = self._considered
+        return np.concatenate([common, effect - self._here.rows @ moved], axis=2)
+
+    @cached_property
+    def reliability(self) -> Reliability:
+        """How well the observations control one another."""
+        return reliability(self._ready, self._here, np.asarray(self._formal), self.used)
+
+    @property
+    def check_log_density(self) -> float:
+        """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
+        looking; NaN without check points."""
+        return log_density(self._ready, self._here, np.asarray(self._formal), ~self.observations.is_control)
 
     @property
     def is_sound(self) -> bool:
@@ -97,6 +171,22 @@ class Calibration:
         no sigma stretched beyond reason (verdict.py)."""
         solved = bool(is_successful(self.result)) and self.posterior.is_determined
         return solved and self.fit.is_consistent and self.fit.check.agrees and not stretched(self.components)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a careful person would say, the most serious first."""
+        ready, here, observations = self._ready, self._here, self.observations
+        lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
+        shift = np.where(ready.has_prior, here.u, np.nan)
+        return (
+            *lost,
+            *contradictions(self.fit.check, self.components),
+            *beside_detector(ready.sensor, observations.shot, observations.pixel_px, self.used, observations.label),
+            *repeated(observations, self.used),
+            *lopsided(observations, self.used),
+            *kinked(ready.sensor, self.unknowns),
+            *warnings_of(self.unknowns, self.posterior, self.fit.variance_factor, self.fit.tail_probability, shift),
+        )
 
     @property
     def blunders(self) -> tuple[str, ...]:
@@ -146,7 +236,6 @@ def calibrate(
     need("calibrate", "observations", observations, Observations)
     need_flags("calibrate", throw=throw)
     priors, considered = given("calibrate", "unknowns", unknowns), given("calibrate", "consider", consider)
-    unknowns = priors.unknowns
     for name, value, kind in (("loss", loss, AbstractLoss), ("blunders", blunders, Blunders), ("reweigh", reweigh, Reweigh)):
         if value is not None:
             need("calibrate", name, value, kind)
@@ -157,80 +246,117 @@ def calibrate(
         raise WhiskjaxError(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
-    admit(sensor, [*unknowns, *considered.unknowns])  # a number is either estimated or considered
+    admit(sensor, [*priors.unknowns, *considered.unknowns])  # a number is either estimated or considered
+    traced = arrays_of((sensor, observations, priors, considered)) is jnp
+    if traced and (blunders is not None or reweigh is not None):
+        raise WhiskjaxError("calibrate: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")
     tell(
-        f"calibrate: {len(unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time compiled)"
+        f"calibrate: {len(priors.unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time "
+        "compiled)"
     )
     ready = prepare(sensor, observations, priors, loss)
-    refuse(ready.unseen, observations)
-    tell("calibrate: solved (the first time compiled)")
+    if not traced:
+        refuse(ready.unseen, observations)
+        tell("calibrate: solved (the first time compiled)")
     u, steps, result = solve(ready, control, max_steps)
-    if not np.isfinite(u).all():  # the result says so; what is told is told of the start
+    if not traced and not np.isfinite(u).all():  # the result says so; what is told is told of the start
         u = ready.start
-    here = linearise(ready, u)
-    for _ in range(_POLISH if loss is not None else 1):
-        here = refine(ready, here, _share(here, control, loss), 1 if loss is not None else _POLISH, _NEAR)
-    converged = bool(is_successful(result))
-    ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, reweigh if converged else None)
-    observations = ready.observations
-
-    share = _share(here, used, loss)
-    root = np.sqrt(share[used])[:, None, None]
-    trust = posterior((root * here.rows[used]).reshape(-1, len(unknowns)), ready.scale, ready.prior, [x.name for x in unknowns])
-    formal = np.nan_to_num(trust.covariance / np.outer(ready.scale, ready.scale), posinf=0.0)
-    solution = assign(sensor, unknowns, ready.values(here.u))
-    common = here.rows @ _root(formal)
-    if considered.unknowns:
-        effect, moved = _considered(solution, ready, here, formal, share, considered)
-        trust = trust.widened(moved @ moved.T * np.outer(ready.scale, ready.scale))
-        common = np.concatenate([common, effect - here.rows @ moved], axis=2)
-    fit = _fit(ready, here, used if loss is None else used & (here.squared <= _BLUNDER**2), control, blunders)
-    if trust.is_determined:
-        fit = fit._replace(check=_checked(ready, here, common, ~control))
-    if not trust.is_determined:
-        result = RESULTS.rank_deficient  # also the cause where the iteration did not end
-    lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
-    if lost:
-        if throw:
-            raise SensorError(f"calibrate: {lost[0]}")
-        first = here.unseen[np.argmax(here.unseen != 0)]
-        result = first_failure(result, jax.tree.map(lambda _: first, RESULTS.successful))
-    shift = np.where(ready.has_prior, here.u, np.nan)
+    here, used, found, unknowns = linearise(ready, u), control, None, priors.unknowns
+    if not traced:
+        for _ in range(POLISH if loss is not None else 1):
+            here = refine(ready, here, _share(here, control, loss), 1 if loss is not None else POLISH, NEAR)
+        weights = reweigh if bool(is_successful(result)) else None
+        ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)
+    share = _share(here, used | ~control, loss)
+    formal, is_determined = _formal(ready, here, share * used)
+    answer = _answer(ready, here, used, share, formal, considered, result, is_determined)
     answer = Calibration(
-        sensor=solution,
+        sensor=ready.problem.unknowns.put(ready.sensor, here.u),
         unknowns=tuple(unknowns),
         start=ready.values(ready.start),
-        value=ready.values(here.u),
-        posterior=trust,
-        fit=fit,
-        residual_before_px=ready.before_px,
-        residual_after_px=here.residual_px,
-        observations=observations,
-        robust_weight=_share(here, used | ~control, loss),
+        estimate=answer[0],
         used=used,
-        reliability=reliability(ready, here, formal, used),
         components=found,
-        check_log_density=log_density(ready, here, formal, ~control),
         steps=steps,
-        result=result,
-        warnings=(
-            *lost,
-            *contradictions(fit.check, found),
-            *beside_detector(sensor, observations.shot, observations.pixel_px, used, observations.label),
-            *repeated(observations, used),
-            *lopsided(observations, used),
-            *kinked(sensor, unknowns),
-            *warnings_of(unknowns, trust, fit.variance_factor, fit.tail_probability, shift),
-        ),
+        _ready=ready,
+        _here=here,
+        _formal=formal,
+        _considered=answer[1],
+        _share=share,
+        _most=0.5 if blunders is None else blunders.most,
     )
-    if throw:
+    if throw and not traced:
         _raise(answer)
     return answer
 
 
-def _share(here: Linearised, used: Bool[np.ndarray, " n"], loss: AbstractLoss | None) -> Float[np.ndarray, " n"]:
+def _share(here: Linearised, used: Bool[Any, " n"], loss: AbstractLoss | None) -> Float[Any, " n"]:
     """How much each observation pulls: 1, less under a robust loss, 0 where it takes no part."""
-    return used.astype(float) if loss is None else used * np.asarray(loss.weight(jnp.asarray(here.squared)))
+    if loss is None:
+        return used.astype(float)
+    return used * plain(loss.weight(jnp.asarray(here.squared)))
+
+
+def _formal(ready: LeastSquares, here: Linearised, share: Float[Any, " n"]) -> tuple[Float[Any, "k k"], Any]:
+    """Covariance of the whitened unknowns, considered numbers left out, and whether observations and priors determine them all.
+
+    What nothing determines has the covariance zero here, so that the others keep theirs.
+    """
+    math, k = arrays_of((here.rows, ready.prior)), len(here.u)
+    rows = math.concatenate([(math.sqrt(share)[:, None, None] * here.rows).reshape(-1, k), ready.prior])
+    if math is np:
+        trust = posterior(rows, np.ones(k), np.zeros((k, k)), ready.problem.unknowns.names)
+        return np.nan_to_num(trust.covariance, posinf=0.0), trust.is_determined
+    triangle = jnp.linalg.qr(rows, mode="r")
+    length = jnp.linalg.norm(rows, axis=0)
+    determined = (jnp.abs(jnp.diag(triangle)) > RANK_TOLERANCE * length).all() & jnp.isfinite(triangle).all()
+    inverse = jax.scipy.linalg.solve_triangular(jnp.where(determined, triangle, jnp.eye(k)), jnp.eye(k))
+    return jnp.where(determined, inverse @ inverse.T, 0.0), determined
+
+
+def _answer(
+    ready: LeastSquares,
+    here: Linearised,
+    used: Bool[Any, " n"],
+    share: Float[Any, " n"],
+    formal: Float[Any, "k k"],
+    given: Given,
+    result: RESULTS,
+    is_determined: Any,
+) -> tuple[Estimate, Considered | None]:
+    """The estimate, and what considered numbers do to it."""
+    math, scale, pulled = arrays_of((here.rows, formal)), ready.scale, ready.prior @ here.u
+    kept = used if ready.problem.loss is None else used & (here.squared <= _BLUNDER**2)
+    result = first_failure(
+        failure_if(~math.asarray(is_determined), RESULTS.rank_deficient),  # also the cause where the iteration did not end
+        result,
+        _worst(math.where(used, ready.unseen, 0)),
+        _worst(here.unseen),
+    )
+    variance = formal.diagonal()
+    share_left = math.where(math.asarray(ready.has_prior), variance, math.nan)
+    lost = math.where(variance > 0, 1.0, math.inf)
+    moved = None
+    if given.unknowns:
+        moved = _considered(ready, here, formal, share * used, given)
+    covariance = formal * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
+    covariance = covariance * math.where(math.eye(len(scale)) > 0, lost[:, None], 1.0)
+    return Estimate(
+        value=ready.values(here.u),
+        covariance=covariance,
+        prior_share=share_left,
+        cost=math.where(kept, here.squared, 0.0).sum() + pulled @ pulled,
+        freedom=2 * kept.sum() + ready.has_prior.sum() - len(scale),
+        result=result,
+        names=ready.problem.unknowns.names,
+        places=ready.problem.unknowns.places,
+    ), moved
+
+
+def _worst(codes: Any) -> RESULTS:
+    """The first failure among codes of observations."""
+    code = codes[arrays_of(codes).argmax(codes != 0)]
+    return jax.tree.map(lambda _: code.astype(np.int32), RESULTS.successful)
 
 
 def _cleanse(
@@ -263,21 +389,6 @@ def _cleanse(
     return ready, here, used, tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True)), found
 
 
-def _fit(
-    ready: LeastSquares,
-    here: Linearised,
-    kept: Bool[np.ndarray, " n"],
-    control: Bool[np.ndarray, " n"],
-    blunders: Blunders | None,
-) -> Fit:
-    """The global model test over the observations that are no blunders."""
-    pulled = (ready.prior @ here.u)[ready.has_prior]
-    freedom = 2 * int(kept.sum()) + len(pulled) - len(here.u)
-    factor, tail, sound = consistency(float(here.squared[kept].sum() + (pulled**2).sum()), freedom)
-    most = 0.5 if blunders is None else blunders.most
-    return Fit(factor, tail, sound and bool(kept.sum() > (1 - most) * control.sum()), freedom)
-
-
 def _checked(
     ready: LeastSquares, here: Linearised, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]
 ) -> CheckTest:
@@ -303,27 +414,27 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
 
 
 def _considered(
-    sensor: Sensor, ready: LeastSquares, here: Linearised, formal: np.ndarray, share: np.ndarray, considered: Given
-) -> tuple[Float[np.ndarray, "n 2 c"], Float[np.ndarray, "k c"]]:
-    """What numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
+    ready: LeastSquares, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], numbers: Given
+) -> Considered:
+    """What numbers that were not estimated do, one sigma of each, at the solution.
 
-    A change c of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them; the second result is
-    that without its sign, so that its square widens the covariance.
-
-    **Arguments:** `sensor`: at the solution; `formal`: covariance C of the whitened unknowns without them.
+    **Arguments:** `formal`: covariance C of the whitened unknowns without them.
     """
-    for x in considered.unknowns:
+    for x in numbers.unknowns:
         if x.sigma is None:
             raise WhiskjaxError(f"consider: {x.name} has no prior sigma; its uncertainty is what would be considered")
-    changed = prepare(sensor, ready.observations, considered, None).weighted(ready.weight)
-    effect = linearise(changed, changed.start).rows @ np.linalg.cholesky(considered.correlation)
-    return effect, formal @ np.einsum("n,nik,nij->kj", share, here.rows, effect)
+    solved = ready.problem.unknowns.put(ready.sensor, here.u)
+    changed = prepare(solved, ready.observations, numbers, None).weighted(ready.weight)
+    root = arrays_of(numbers.correlation).linalg.cholesky(numbers.correlation)
+    effect = linearise(changed, changed.start).rows @ root
+    return Considered(effect, formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect))
 
 
 def _raise(answer: Calibration) -> None:
-    code = int(codes_of(answer.result))
-    if code == 0:
+    if (code := int(codes_of(answer.result))) == 0:
         return
+    if answer.posterior.is_determined and answer._here.unseen.any():
+        raise SensorError(f"calibrate: {answer.warnings[0]}")
     named = ""
     if not answer.posterior.is_determined:
         told = list(zip([x.name for x in answer.unknowns], np.isfinite(answer.posterior.sigma), strict=True))

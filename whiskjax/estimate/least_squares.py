@@ -23,6 +23,11 @@ _TOLERANCE = 1e-6
 # Of the cost: residuals of 1e-9 px, what float64 leaves of coordinates, are 1e-10 of a cost of hundreds. The cost cannot judge a
 # step that should gain less, if it is a short one (of a prior sigma or scale).
 _ROUNDING, _SHORT = 1e-10, 1e-3
+# The last of the Gauss-Newton steps, in prior sigmas: the error that is left is smaller by orders of magnitude; and one that is
+# no more than rounding.
+_CONVERGED, _SETTLED = 1e-6, 1e-10
+# An unknown is lost where the others explain all but this share of what the data and priors say of it: rounding, not geometry.
+_SINGULAR = 1e-12
 
 
 class Solved(NamedTuple):
@@ -123,14 +128,42 @@ class Descent(NamedTuple):
 
 def descend(problem: Problem, start: Float[Array, " unknowns"], steps: int) -> Descent:
     """`gauss_newton` with what its last step knew."""
+    return jax.lax.fori_loop(0, steps, lambda _, here: _next(problem, here), _at(start))
+
+
+def converge(problem: Problem, start: Float[Array, " unknowns"], most: int) -> tuple[Descent, Int[Array, ""]]:
+    """Gauss-Newton steps until one is rounding, at most so many, and how many there were."""
+
+    def goes_on(carry: tuple[Array, Descent]) -> Array:
+        i, here = carry
+        return (i == 0) | ((i < most) & (jnp.abs(here.step).max() > _SETTLED))
+
+    zero = jnp.zeros((), dtype=jnp.int32)
+    steps, here = jax.lax.while_loop(goes_on, lambda carry: (carry[0] + 1, _next(problem, carry[1])), (zero, _at(start)))
+    return here, steps
+
+
+def judge(here: Descent) -> RESULTS:
+    """How a descent ended."""
+    m = here.u.shape[0]
+    root = jnp.linalg.cholesky(here.normal[:m, :m])
+    return first_failure(
+        failure_if(~jnp.isfinite(here.normal).all(), RESULTS.nonfinite),
+        failure_if(~(jnp.diag(root) ** 2 > _SINGULAR * jnp.diag(here.normal)[:m]).all(), RESULTS.rank_deficient),
+        failure_if(~(jnp.abs(here.step).max() < _CONVERGED), RESULTS.not_converged),
+    )
+
+
+def _at(start: Float[Array, " unknowns"]) -> Descent:
     m = start.shape[0]
+    return Descent(start, jnp.zeros(m), jnp.zeros((m + 1, m + 1)))
 
-    def step(_, here: Descent) -> Descent:
-        normal = normal_equations(problem, here.u)
-        factor = jax.scipy.linalg.cho_factor(normal[:m, :m])
-        change = -jax.scipy.linalg.cho_solve(factor, normal[:m, m])
-        # Where the matrix is singular stay, so that it can be seen to be.
-        change = jnp.where(jnp.isfinite(change).all() | ~jnp.isfinite(normal).all(), change, 0.0)
-        return Descent(here.u + change, change, normal)
 
-    return jax.lax.fori_loop(0, steps, step, Descent(start, jnp.zeros(m), jnp.zeros((m + 1, m + 1))))
+def _next(problem: Problem, here: Descent) -> Descent:
+    m = here.u.shape[0]
+    normal = normal_equations(problem, here.u)
+    factor = jax.scipy.linalg.cho_factor(normal[:m, :m])
+    change = -jax.scipy.linalg.cho_solve(factor, normal[:m, m])
+    # Where the matrix is singular stay, so that it can be seen to be.
+    change = jnp.where(jnp.isfinite(change).all() | ~jnp.isfinite(normal).all(), change, 0.0)
+    return Descent(here.u + change, change, normal)

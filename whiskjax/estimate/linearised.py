@@ -1,12 +1,12 @@
-"""One least-squares adjustment on the host: prepare, solve, linearise, refine.
+"""One least-squares adjustment: prepare, solve, linearise, refine.
 
 What the data say near a solution is small: whitened residuals and their derivatives, a few hundred rows. They are evaluated by
 compiled functions of fixed shape and judged in numpy, so that leaving observations out, weighing them anew or asking another
-question compiles nothing.
+question compiles nothing. While tracing, the same steps are traced.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,27 +19,27 @@ from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
 from ..chain.sensor import Sensor
-from ..rules import RESULTS, SensorError, first_failure
+from ..rules import RESULTS, SensorError, arrays_of, first_failure, plain
 from ..rules.results import message_of
 from .columns import columns
 from .given import Knowledge
-from .least_squares import levenberg_marquardt
 from .losses import AbstractLoss
 from .observations import Observations
 from .problem import Group, Problem, by_observation, pose_problem, weigh
+from .solution import levenberg_marquardt, solution
 
 _ROUNDING = 1e-11  # of a prior sigma or scale: below it a step is rounding
 
 
-@dataclasses.dataclass(frozen=True)
-class LeastSquares:
+class LeastSquares(eqx.Module):
     """A problem ready to be solved again and again with other weights.
 
-    `problem` is baked and carries the weights of all observations, check points too. `weight` (n, 3) is the lower triangle that
-    whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point, `prior` (k, k) the root of the
-    priors' information: their whitened residuals are prior @ u, zero rows without a prior.
+    `sensor` has room for the unknowns; `problem` is baked and carries the weights of all observations, check points too. `weight`
+    (n, 3) is the lower triangle that whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point,
+    `prior` (k, k) the root of the priors' information: their whitened residuals are prior @ u, zero rows without a prior.
     """
 
+    sensor: Sensor
     problem: Problem
     indices: list[np.ndarray]
     observations: Observations
@@ -53,16 +53,16 @@ class LeastSquares:
     @property
     def scale(self) -> Float[np.ndarray, " k"]:
         """What one whitened unit is, in the units of the fields."""
-        return np.asarray(self.problem.unknowns.scale)
+        return plain(self.problem.unknowns.scale)
 
     @property
     def has_prior(self) -> Bool[np.ndarray, " k"]:
         """Which unknowns have a prior."""
-        return (self.prior != 0).any(axis=1)
+        return self.problem.unknowns.has_prior
 
     def values(self, u: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Unknowns in the units of their fields."""
-        return np.asarray(self.problem.unknowns.mean) + self.scale * u
+        return plain(self.problem.unknowns.mean) + self.scale * u
 
     def weighted(self, weight: Float[np.ndarray, "n 3"], prior: Float[np.ndarray, "k k"] | None = None) -> "LeastSquares":
         """The same with other weights of the measurements, and another root of the priors."""
@@ -115,24 +115,26 @@ def prepare(
     n = len(observations)
     before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
-    unseen = np.where(linked != 0, linked, unseen)
+    unseen = arrays_of(linked).where(linked != 0, linked, unseen)
     weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
-    prior = np.asarray(problem.unknowns.root)
-    return LeastSquares(weigh(baked, weight, indices), indices, observations, start, follows, weight, prior, before, unseen)
+    prior = plain(problem.unknowns.root)
+    weighed = weigh(baked, weight, indices)
+    return LeastSquares(problem.sensor, weighed, indices, observations, start, follows, weight, prior, before, unseen)
 
 
-def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[Float[np.ndarray, " k"], int, RESULTS]:
+def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[Any, Any, RESULTS]:
     """Whitened solution of the used observations by Levenberg-Marquardt, its steps and result.
 
-    Under a robust loss it goes on from the least-squares solution, where few points are far off.
+    Under a robust loss it goes on from the least-squares solution, where few points are far off. Traced, it is differentiable.
     """
-    problem = weigh(ready.problem, np.where(used[:, None], ready.weight, 0.0), ready.indices)
-    u, steps = jnp.asarray(ready.start), 0
-    if problem.loss is not None:
-        solved = levenberg_marquardt(eqx.tree_at(lambda p: p.loss.bound, problem, jnp.asarray(1e9)), u, max_steps)
-        u, steps = solved.u, int(solved.steps)
-    solved = levenberg_marquardt(problem, u, max_steps)
-    return np.asarray(solved.u), steps + int(solved.steps), solved.result
+    math = arrays_of((ready.problem, ready.start, ready.weight))
+    problem = weigh(ready.problem, math.where(used[:, None], ready.weight, 0.0), ready.indices)
+    start = jnp.asarray(ready.start)
+    if math is jnp:
+        solved = solution(problem, start, max_steps)
+        return solved.u, solved.steps, solved.result
+    solved = levenberg_marquardt(problem, start, max_steps)
+    return np.asarray(solved.u), int(solved.steps), solved.result
 
 
 def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
@@ -140,12 +142,13 @@ def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
     n = len(ready.observations)
     residual, rows, unseen = _evaluate(ready.problem, jnp.asarray(u))
     residual, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(residual), _stacked(rows), unseen))
+    math = arrays_of((residual, ready.weight))
     w00, w10, w11 = ready.weight.T
     x, y = residual.T
     x_rows = rows[:, 0] / w00[:, None]
     y_rows = (rows[:, 1] - w10[:, None] * x_rows) / w11[:, None]
-    whitened = np.stack([w00 * x, w10 * x + w11 * y], axis=-1)
-    return Linearised(np.asarray(u), residual, whitened, rows, np.stack([x_rows, y_rows], axis=1), unseen)
+    whitened = math.stack([w00 * x, w10 * x + w11 * y], axis=-1)
+    return Linearised(plain(u), residual, whitened, rows, math.stack([x_rows, y_rows], axis=1), unseen)
 
 
 def refine(
@@ -197,17 +200,18 @@ def whitening(
 
     **Arguments:** `follows`: derivative of the pixel by the ground point, which carries the point's covariance into the image.
     """
+    math = arrays_of((sigma_px, follows, covariance_m2))
     extra = np.zeros((len(sigma_px), 2, 2)) if covariance_m2 is None else point_part(follows, covariance_m2)
     c00, c11 = sigma_px[:, 0] ** 2 + extra[:, 0, 0], sigma_px[:, 1] ** 2 + extra[:, 1, 1]
-    l00 = np.sqrt(c00)
+    l00 = math.sqrt(c00)
     l10 = extra[:, 0, 1] / l00
-    l11 = np.sqrt(c11 - l10**2)
-    return np.stack([1 / l00, -l10 / (l00 * l11), 1 / l11], axis=-1)
+    l11 = math.sqrt(c11 - l10**2)
+    return math.stack([1 / l00, -l10 / (l00 * l11), 1 / l11], axis=-1)
 
 
 def point_part(follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 2 2"]:
     """Covariance in the image, in px^2, that comes from the points' coordinates."""
-    return follows @ covariance_m2 @ np.swapaxes(follows, -1, -2)
+    return follows @ covariance_m2 @ follows.swapaxes(-1, -2)
 
 
 def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:
@@ -220,9 +224,9 @@ def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:
     return (group.pixel[0] - x, group.pixel[1] - y), code
 
 
-def _stacked(groups: list[tuple[Array, ...]]) -> list[np.ndarray]:
+def _stacked(groups: list[tuple[Array, ...]]) -> list[Any]:
     """Arrays that belong together, stacked on the host: in a compiled function XLA would repeat what they are made of."""
-    return [np.stack(arrays) for arrays in groups]
+    return [arrays_of(arrays).stack(arrays) for arrays in groups]
 
 
 @eqx.filter_jit

@@ -22,18 +22,14 @@ from ..algebra.vectors import Vec2
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ..rules.progress import tell
-from ..rules.results import codes_of, failure_if
-from .least_squares import descend
+from ..rules.results import codes_of
+from .least_squares import descend, judge
 from .linearised import LeastSquares, impossible, pixels, prepare, refuse
 from .observations import Observations
 from .problem import Problem, by_observation_of_runs
 from .unknown import Unknown, need_unknowns
 
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
-_CONVERGED = 1e-6  # the last step, in prior sigmas: the error that is left is smaller by orders of magnitude
-
-# An unknown is lost where the others explain all but this share of what the data and priors say of it: rounding, not geometry.
-_SINGULAR = 1e-12
 
 
 class Lanes(eqx.Module):
@@ -101,17 +97,12 @@ def solve_lanes(
 
 def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
     m = start.shape[0]
-    u, step, normal = descend(problem, start, steps)
-    root = jnp.linalg.cholesky(normal[:m, :m])
-    inverse = jax.scipy.linalg.solve_triangular(root, jnp.eye(m), lower=True)
-    result = first_failure(
-        failure_if(~jnp.isfinite(normal).all(), RESULTS.nonfinite),
-        failure_if(~(jnp.diag(root) ** 2 > _SINGULAR * jnp.diag(normal)[:m]).all(), RESULTS.rank_deficient),
-        failure_if(~(jnp.abs(step).max() < _CONVERGED), RESULTS.not_converged),
-    )
+    here = descend(problem, start, steps)
+    u, step, normal = here
+    inverse = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(normal[:m, :m]), jnp.eye(m), lower=True)
     after, codes = zip(*(pixels(problem, group, u) for group in problem.groups), strict=True)
     worst = jnp.stack([code.max() for code in codes]).max()
-    result = first_failure(result, jax.tree.map(lambda _: worst, RESULTS.successful))
+    result = first_failure(judge(here), jax.tree.map(lambda _: worst, RESULTS.successful))
     # The last step went to the minimum of the quadratic whose value at its start is the corner of the normal matrix.
     return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
 

@@ -1,23 +1,25 @@
 """What was measured: where known points were seen."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..chain.shot import Shot, fit_shot
-from ..rules import Arrays, WhiskjaxError, need
+from ..chain.shot import KEYS, Shot, fit_shot
+from ..rules import Arrays, Labels, WhiskjaxError, is_traced, need, plain
 from ..rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
+_UNNAMED = Labels(images=(), points=())
 
-@dataclasses.dataclass(frozen=True)
-class Observations:
+
+class Observations(eqx.Module):
     """Image measurements of points with known coordinates; residual = measured - projected, in pixels.
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
-    one line is `px_per_line` of them.
+    one line is `px_per_line` of them. Numbers may be traced; which observations are control is not.
 
     **Arguments** (n observations):
 
@@ -32,46 +34,77 @@ class Observations:
     """
 
     shot: Shot
-    point_m: Float[np.ndarray, "n 3"]
-    pixel_px: Float[np.ndarray, "n 2"]
-    sigma_px: Float[np.ndarray, "n 2"]
+    point_m: Float[Any, "n 3"]
+    pixel_px: Float[Any, "n 2"]
+    sigma_px: Float[Any, "n 2"]
     is_control: Bool[np.ndarray, " n"]
-    point_covariance_m2: Float[np.ndarray, "n 3 3"] | None = None
-    images: Sequence[str] = ()
-    points: Sequence[str] = ()
+    point_covariance_m2: Float[Any, "n 3 3"] | None
+    labels: Labels = eqx.field(static=True)
 
-    def __post_init__(self):
-        need("Observations", "shot", self.shot, Shot, "Shot(time_s=..., image=...)")
+    def __init__(
+        self,
+        shot: Shot,
+        point_m: Float[Any, "n 3"],
+        pixel_px: Float[Any, "n 2"],
+        sigma_px: Float[Any, "n 2"],
+        is_control: Bool[Any, " n"],
+        point_covariance_m2: Float[Any, "n 3 3"] | None = None,
+        images: Sequence[str] = (),
+        points: Sequence[str] = (),
+        labels: Labels = _UNNAMED,
+    ):
+        """**Raises:** `WhiskjaxError` naming the observation whose numbers make no sense; shapes that do not fit."""
+        need("Observations", "shot", shot, Shot, "Shot(time_s=..., image=...)")
         arrays = Arrays("Observations")
-        taken = {
-            "point_m": arrays.take("point_m", self.point_m, "n 3", absolute=True),
-            "pixel_px": arrays.take("pixel_px", self.pixel_px, "n 2"),
-            "sigma_px": arrays.take("sigma_px", self.sigma_px, "n 2"),
-            "is_control": arrays.take_flags("is_control", self.is_control, "n"),
-        }
-        if self.point_covariance_m2 is not None:
-            taken["point_covariance_m2"] = arrays.take("point_covariance_m2", self.point_covariance_m2, "n 3 3")
-        fit_shot(arrays, self.shot, "n")
-        n = len(taken["point_m"])
+        self.shot = shot
+        self.point_m = plain(arrays.take("point_m", point_m, "n 3", absolute=True))
+        self.pixel_px = plain(arrays.take("pixel_px", pixel_px, "n 2"))
+        self.sigma_px = plain(arrays.take("sigma_px", sigma_px, "n 2"))
+        self.is_control = plain(arrays.take_flags("is_control", is_control, "n"))
+        self.point_covariance_m2 = None
+        if point_covariance_m2 is not None:
+            self.point_covariance_m2 = plain(arrays.take("point_covariance_m2", point_covariance_m2, "n 3 3"))
+        fit_shot(arrays, shot, "n")
+        n = len(self.point_m)
         if n == 0:
             raise WhiskjaxError("there are no observations: nothing can be estimated from them")
-        for name, value in taken.items():
-            value = np.asarray(value)
-            object.__setattr__(self, name, value)
-            if value.dtype.kind == "f" and not np.isfinite(value).all():
+        for name, names in (("images", images), ("points", points)):
+            if len(names) not in (0, n):
+                raise WhiskjaxError(f"observations: {len(names)} names of {name} for {n} observations")
+        named = {"images": images or labels["images"], "points": points or labels["points"]}
+        self.labels = Labels(**named)
+        self._check()
+
+    def _check(self) -> None:
+        """What numbers may be, of those that are known."""
+        known = {
+            name: value
+            for name in ("point_m", "pixel_px", "sigma_px", "point_covariance_m2")
+            if (value := getattr(self, name)) is not None and not is_traced(value)
+        }
+        for name, value in known.items():
+            if not np.isfinite(value).all():
                 i = int(np.argwhere(~np.isfinite(value))[0, 0])
                 raise WhiskjaxError(f"{self.label(i)}: {name} is not a finite number")
-        if not (self.sigma_px > 0).all():
+        if "sigma_px" in known and not (self.sigma_px > 0).all():
             i = int(np.argwhere(self.sigma_px <= 0)[0, 0])
             raise WhiskjaxError(f"{self.label(i)}: sigma_px must be positive, not {self.sigma_px[i]}")
-        for name in ("images", "points"):
-            if len(getattr(self, name)) not in (0, n):
-                raise WhiskjaxError(f"observations: {len(getattr(self, name))} names of {name} for {n} observations")
-        for name in ("point_m", "pixel_px"):
-            refuse_sizes(getattr(self, name), lambda i, name=name: f"{self.label(i)}: {name}")
-        refuse_sigmas(self.sigma_px, lambda i: f"{self.label(i)}: sigma_px")
-        if self.point_covariance_m2 is not None:
-            refuse_covariances(self.point_covariance_m2, lambda i: f"{self.label(i)}: point_covariance_m2")
+        for name in known.keys() & {"point_m", "pixel_px"}:
+            refuse_sizes(known[name], lambda i, name=name: f"{self.label(i)}: {name}")
+        if "sigma_px" in known:
+            refuse_sigmas(self.sigma_px, lambda i: f"{self.label(i)}: sigma_px")
+        if "point_covariance_m2" in known:
+            refuse_covariances(known["point_covariance_m2"], lambda i: f"{self.label(i)}: point_covariance_m2")
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Names of the images, one for each observation; or none."""
+        return self.labels["images"]
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points, one for each observation; or none."""
+        return self.labels["points"]
 
     def __len__(self) -> int:
         return len(self.point_m)
@@ -85,28 +118,29 @@ class Observations:
     def take(self, keep: np.ndarray) -> "Observations":
         """Those observations, by mask or index."""
         index = Arrays("Observations.take").take_choice("keep", keep, len(self))
-        pick: dict[str, Any] = {
-            f: np.asarray(v)[index]
-            for f in ("image", "swing", "view", "strip")
-            if (v := _array(self.shot, f, len(self))) is not None
-        }
-        time = _array(self.shot, "time_s", len(self))
+        covariance = self.point_covariance_m2
         return Observations(
-            Shot(time_s=None if time is None else time[index], **pick),
+            self.shots(index),
             self.point_m[index],
             self.pixel_px[index],
             self.sigma_px[index],
             self.is_control[index],
-            None if self.point_covariance_m2 is None else self.point_covariance_m2[index],
+            None if covariance is None else covariance[index],
             [self.images[int(i)] for i in index] if len(self.images) else (),
             [self.points[int(i)] for i in index] if len(self.points) else (),
         )
 
-    def key(self, name: str) -> np.ndarray | None:
+    def shots(self, index: np.ndarray) -> Shot:
+        """Time and keys of some observations."""
+        picked: dict[str, Any] = {}
+        for name in ("time_s", *KEYS):
+            if (value := self.key(name)) is not None:
+                picked[name] = value[index]
+        return Shot(**picked)
+
+    def key(self, name: str) -> Any:
         """A key, or the time, of every observation; None where it is not recorded."""
-        return _array(self.shot, name, len(self))
-
-
-def _array(shot: Shot, name: str, n: int) -> np.ndarray | None:
-    value = getattr(shot, name)
-    return None if value is None else np.broadcast_to(np.asarray(value), (n,))
+        value = getattr(self.shot, name)
+        if value is None or is_traced(value):
+            return value if value is None or value.ndim else jnp.broadcast_to(value, (len(self),))
+        return np.broadcast_to(np.asarray(value), (len(self),))

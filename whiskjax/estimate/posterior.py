@@ -12,7 +12,7 @@ from jaxtyping import Float
 # A direction counts as undetermined where its singular value, columns scaled to one, is below this share of the largest: well
 # above what rounding leaves of an exact zero (1e-13), well below the weakest real ones seen (1e-9 in the 12 unknowns of Jin et
 # al. 2024).
-_RANK_TOLERANCE = 1e-11
+RANK_TOLERANCE = 1e-11
 _NAMED_SHARE = 0.1
 
 
@@ -57,7 +57,7 @@ def _null_space(jacobian: Float[np.ndarray, "rows k"]) -> tuple[int, Float[np.nd
     triangle = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > scaled.shape[1] else scaled
     _, values, vectors = np.linalg.svd(triangle, full_matrices=True)
     values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
-    rank = int((values > _RANK_TOLERANCE * values[0]).sum()) if values[0] > 0 else 0
+    rank = int((values > RANK_TOLERANCE * values[0]).sum()) if values[0] > 0 else 0
     condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
     return rank, _separate(vectors[rank:]), condition
 
@@ -110,7 +110,7 @@ def posterior(
     total_rank, total_null, _ = _null_space(full)
     if total_rank < k:
         # Unknowns with a part in the null space of everything have no variance; the others keep theirs (pseudo-inverse).
-        whitened = np.linalg.pinv(full.T @ full, hermitian=True, rcond=_RANK_TOLERANCE)
+        whitened = np.linalg.pinv(full.T @ full, hermitian=True, rcond=RANK_TOLERANCE)
         lost = (np.abs(total_null) > 1e-6).any(axis=0)
         whitened[lost, :] = whitened[:, lost] = np.nan
         whitened[lost, lost] = np.inf

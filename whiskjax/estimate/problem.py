@@ -17,7 +17,7 @@ from ..chain.imaging import image
 from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, arrays_of, is_traced
 from ..rules.sizes import rounded
 from .given import Knowledge, given, posed
 from .losses import AbstractLoss
@@ -106,7 +106,9 @@ def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tu
     return tuple(groups), indices
 
 
-def _columns(a: np.ndarray) -> tuple[Array, ...]:
+def _columns(a: Any) -> tuple[Array, ...]:
+    if is_traced(a):
+        return tuple(a[:, i] for i in range(a.shape[1]))
     return tuple(jnp.asarray(np.ascontiguousarray(column)) for column in a.T)
 
 
@@ -136,19 +138,18 @@ def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.n
     """The problem with the lower triangle (w00, w10, w11) of each observation put in, zero to leave it out."""
     groups = []
     for group, index in zip(problem.groups, indices, strict=True):
-        padded = np.zeros((group.point[0].shape[0], 3))
-        padded[: len(index)] = weight[index]
-        groups.append(eqx.tree_at(lambda g: g.weight, group, _columns(padded)))
+        padding = ((0, group.point[0].shape[0] - len(index)), (0, 0))
+        groups.append(eqx.tree_at(lambda g: g.weight, group, _columns(arrays_of(weight).pad(weight[index], padding))))
     return eqx.tree_at(lambda p: p.groups, problem, tuple(groups))
 
 
-def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> np.ndarray:
+def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> Any:
     """Back from arrays (..., padded) of each group to one array (n, ...), a row an observation."""
-    first = np.asarray(groups[0])
-    out = np.zeros((n, *first.shape[:-1]), dtype=first.dtype)
-    for group, index in zip(groups, indices, strict=True):
-        out[index] = np.moveaxis(np.asarray(group)[..., : len(index)], -1, 0)
-    return out
+    math = arrays_of(list(groups))
+    rows = [math.moveaxis(math.asarray(of)[..., : len(index)], -1, 0) for of, index in zip(groups, indices, strict=True)]
+    if len(rows) == 1:
+        return rows[0]
+    return math.concatenate(rows)[np.argsort(np.concatenate(indices))]
 
 
 def by_observation_of_runs(groups: Sequence[Any], indices: list[np.ndarray]) -> np.ndarray:

@@ -8,7 +8,10 @@ from .errors import WhiskjaxError as WhiskjaxError
 from .extras import import_extra as import_extra
 from .kinds import need as need
 from .kinds import need_flags as need_flags
+from .labels import Labels as Labels
+from .precision import arrays_of as arrays_of
 from .precision import is_traced as is_traced
+from .precision import plain as plain
 from .precision import require_x64 as require_x64
 from .results import RESULTS as RESULTS
 from .results import first_failure as first_failure

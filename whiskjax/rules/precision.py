@@ -4,6 +4,8 @@ from typing import Any
 
 import jax
 import jax.core
+import jax.numpy as jnp
+import numpy as np
 
 
 def require_x64(what: str) -> None:
@@ -23,3 +25,13 @@ def require_x64(what: str) -> None:
 def is_traced(value: Any) -> bool:
     """Whether an array is a tracer, whose number is not known yet."""
     return isinstance(value, jax.core.Tracer)
+
+
+def plain(array: Any) -> Any:
+    """A numpy array, or what is traced."""
+    return array if is_traced(array) else np.asarray(array)
+
+
+def arrays_of(tree: Any) -> Any:
+    """The module that reckons with these arrays: `jax.numpy` where one is traced, else `numpy`, which compiles nothing."""
+    return jnp if any(map(is_traced, jax.tree.leaves(tree))) else np

@@ -107,7 +107,7 @@ def handed_on(runs: int, seed: int) -> HandedOn:
             Looks(looks, pixel, (PIXEL_SIGMA_PX, PIXEL_SIGMA_PX)),
             guess=Guess.around(point, guess_sigma_enu_m(scene.target)),
             errors=frame_errors(),
-            consider=() if calibration is None else dataclasses.replace(calibration, value=value),
+            consider=() if calibration is None else dataclasses.replace(calibration.estimate, value=value),
             throw=False,
         )
         return found.looks.point_m[-1], found.looks.covariance_enu_m2[-1]
