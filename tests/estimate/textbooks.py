@@ -99,7 +99,16 @@ class MadeUp:
         residual_px = self.measured_px + self.rows_px @ u
         unseen = np.zeros(n, dtype=np.int32)
         self.ready = LeastSquares(
-            problem, [], self.observations, u, follows, weight, np.diag(self.has_prior.astype(float)), self.measured_px, unseen
+            None,
+            problem,
+            [],
+            self.observations,
+            u,
+            follows,
+            weight,
+            np.diag(self.has_prior.astype(float)),
+            self.measured_px,
+            unseen,
         )
         self.here = Linearised(
             u,

@@ -127,28 +127,34 @@ class Calibration(eqx.Module):
         return self._share
 
     @cached_property
+    def _told(self) -> "Calibration":
+        """The same in numpy, from which people are told."""
+        return jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
+
+    @cached_property
     def posterior(self) -> Posterior:
         """What the data said: covariance, share that is not prior, rank, null space."""
-        used = np.asarray(self.used)
-        pull = np.sqrt(np.asarray(self._share)[used])[:, None, None]
-        rows = (pull * np.asarray(self._here.rows)[used]).reshape(-1, len(self.unknowns))
-        found = posterior(rows, self._ready.scale, np.asarray(self._ready.prior), self.estimate.names)
-        return found if self._considered is None else found.widened(self._considered.covariance(self._ready.scale))
+        at = self._told
+        pull = np.sqrt(at._share[at.used])[:, None, None]
+        rows = (pull * at._here.rows[at.used]).reshape(-1, len(at.unknowns))
+        found = posterior(rows, at._ready.scale, at._ready.prior, at.estimate.names)
+        return found if at._considered is None else found.widened(at._considered.covariance(at._ready.scale))
 
     @cached_property
     def fit(self) -> Fit:
         """How well the model meets the observations, and what the check points say."""
-        control = self.observations.is_control
-        kept = self.used if self._ready.problem.loss is None else self.used & (self._here.squared <= _BLUNDER**2)
-        factor, tail, sound = consistency(float(self.estimate.cost), freedom := int(self.estimate.freedom))
+        at = self._told
+        control = at.observations.is_control
+        kept = at.used if at._ready.problem.loss is None else at.used & (at._here.squared <= _BLUNDER**2)
+        factor, tail, sound = consistency(float(at.estimate.cost), freedom := int(at.estimate.freedom))
         sound = sound and bool(kept.sum() > (1 - self._most) * control.sum())
-        check = _checked(self._ready, self._here, self._common, ~control) if self.posterior.is_determined else UNTESTED
+        check = _checked(at._ready, at._here, at._common, ~control) if self.posterior.is_determined else UNTESTED
         return Fit(factor, tail, sound, freedom, check)
 
     @property
     def _common(self) -> Float[np.ndarray, "n 2 m"]:
         """How the errors of the answer, columns of variance 1, move every whitened residual."""
-        common = self._here.rows @ _root(np.asarray(self._formal))
+        common = self._here.rows @ _root(self._formal)
         if self._considered is None:
             return common
         effect, moved = self._considered
@@ -157,13 +163,15 @@ class Calibration(eqx.Module):
     @cached_property
     def reliability(self) -> Reliability:
         """How well the observations control one another."""
-        return reliability(self._ready, self._here, np.asarray(self._formal), self.used)
+        at = self._told
+        return reliability(at._ready, at._here, at._formal, at.used)
 
     @property
     def check_log_density(self) -> float:
         """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
         looking; NaN without check points."""
-        return log_density(self._ready, self._here, np.asarray(self._formal), ~self.observations.is_control)
+        at = self._told
+        return log_density(at._ready, at._here, at._formal, ~at.observations.is_control)
 
     @property
     def is_sound(self) -> bool:
@@ -175,23 +183,24 @@ class Calibration(eqx.Module):
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a careful person would say, the most serious first."""
-        ready, here, observations = self._ready, self._here, self.observations
+        at = self._told
+        here, observations = at._here, at.observations
         lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
-        shift = np.where(ready.has_prior, here.u, np.nan)
+        shift = np.where(at._ready.has_prior, here.u, np.nan)
         return (
             *lost,
             *contradictions(self.fit.check, self.components),
-            *beside_detector(ready.sensor, observations.shot, observations.pixel_px, self.used, observations.label),
-            *repeated(observations, self.used),
-            *lopsided(observations, self.used),
-            *kinked(ready.sensor, self.unknowns),
+            *beside_detector(self.sensor, observations.shot, observations.pixel_px, at.used, observations.label),
+            *repeated(observations, at.used),
+            *lopsided(observations, at.used),
+            *kinked(self.sensor, self.unknowns),
             *warnings_of(self.unknowns, self.posterior, self.fit.variance_factor, self.fit.tail_probability, shift),
         )
 
     @property
     def blunders(self) -> tuple[str, ...]:
         """Control observations that were left out, by name."""
-        wrong = self.observations.is_control & ~self.used
+        wrong = self._told.observations.is_control & ~self._told.used
         return tuple(self.observations.label(int(i)) for i in np.flatnonzero(wrong))
 
 
@@ -268,7 +277,7 @@ def calibrate(
         weights = reweigh if bool(is_successful(result)) else None
         ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)
     share = _share(here, used | ~control, loss)
-    formal, is_determined = _formal(ready, here, share * used)
+    formal, is_determined = _formal(ready, here, share * used.astype(float))
     answer = _answer(ready, here, used, share, formal, considered, result, is_determined)
     answer = Calibration(
         sensor=ready.problem.unknowns.put(ready.sensor, here.u),
@@ -294,7 +303,7 @@ def _share(here: Linearised, used: Bool[Any, " n"], loss: AbstractLoss | None) -
     """How much each observation pulls: 1, less under a robust loss, 0 where it takes no part."""
     if loss is None:
         return used.astype(float)
-    return used * plain(loss.weight(jnp.asarray(here.squared)))
+    return used.astype(float) * plain(loss.weight(jnp.asarray(here.squared)))
 
 
 def _formal(ready: LeastSquares, here: Linearised, share: Float[Any, " n"]) -> tuple[Float[Any, "k k"], Any]:
@@ -335,12 +344,12 @@ def _answer(
     )
     variance = formal.diagonal()
     share_left = math.where(math.asarray(ready.has_prior), variance, math.nan)
-    lost = math.where(variance > 0, 1.0, math.inf)
+    lost = ~(variance > 0)
     moved = None
     if given.unknowns:
-        moved = _considered(ready, here, formal, share * used, given)
+        moved = _considered(ready, here, formal, share * used.astype(float), given)
     covariance = formal * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
-    covariance = covariance * math.where(math.eye(len(scale)) > 0, lost[:, None], 1.0)
+    covariance = math.where(lost[:, None] | lost[None, :], math.where(math.eye(len(scale)) > 0, math.inf, math.nan), covariance)
     return Estimate(
         value=ready.values(here.u),
         covariance=covariance,
