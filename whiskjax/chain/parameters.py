@@ -131,10 +131,17 @@ def passages(sensor: Sensor, point: Vec3, found: JointDerivatives, links: Iterab
 def once(of: Callable[[], Any], certain: Array) -> Any:
     """of(), evaluated once: XLA on the CPU evaluates a chain again in each loop that uses it, but not across a conditional.
 
-    **Arguments:** `certain`: True, which the compiler does not know.
+    **Arguments:** `of`: any pytree; `certain`: True, which the compiler does not know.
     """
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(of))
-    return jax.lax.cond(certain, of, lambda: nothing)
+    rest = []
+
+    def arrays() -> Any:
+        found, other = eqx.partition(of(), eqx.is_array)
+        rest.append(other)
+        return found
+
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(arrays))
+    return eqx.combine(jax.lax.cond(certain, arrays, lambda: nothing), rest[-1])
 
 
 def by_motion(link: AbstractStations, shot: Shot, moved: tuple[Vec3, Vec3], met: Passage) -> list[Vec2]:

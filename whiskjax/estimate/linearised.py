@@ -18,6 +18,7 @@ from ..algebra.vectors import Vec2
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
+from ..chain.parameters import once
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, SensorError, arrays_of, first_failure, plain
 from ..rules.results import message_of
@@ -25,7 +26,7 @@ from .columns import columns
 from .given import Knowledge
 from .losses import AbstractLoss
 from .observations import Observations
-from .problem import Group, Problem, by_observation, pose_problem, weigh
+from .problem import Group, Layout, Problem, by_observation, pose_problem, weigh
 from .solution import levenberg_marquardt, solution
 
 _ROUNDING = 1e-11  # of a prior sigma or scale: below it a step is rounding
@@ -70,6 +71,16 @@ class LeastSquares(eqx.Module):
         problem = eqx.tree_at(lambda p: p.unknowns.root, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
         return dataclasses.replace(self, problem=problem, weight=weight, prior=prior)
 
+    def drawn_anew(self, pixel_px: Float[Any, "n 2"]) -> "LeastSquares":
+        """The same with other measurements, traced."""
+        padded = [
+            index[np.minimum(np.arange(len(g.pixel[0])), len(index) - 1)]
+            for g, index in zip(self.problem.groups, self.indices, strict=True)
+        ]
+        pixels = [(pixel_px[i, 0], pixel_px[i, 1]) for i in padded]
+        problem = eqx.tree_at(lambda p: [group.pixel for group in p.groups], self.problem, pixels)
+        return dataclasses.replace(self, problem=problem, before_px=self.before_px + pixel_px - self.observations.pixel_px)
+
     def reweighed(self, observed: Float[np.ndarray, "n 2"], prior: Float[np.ndarray, " k"]) -> "LeastSquares":
         """The same with factors on the sigmas of the measurements and of the priors."""
         observations = dataclasses.replace(self.observations, sigma_px=self.observations.sigma_px * observed)
@@ -102,16 +113,21 @@ class Linearised(NamedTuple):
 
 
 def prepare(
-    sensor: Sensor, observations: Observations, unknowns: Knowledge, loss: AbstractLoss | None, split: bool = False
+    sensor: Sensor,
+    observations: Observations,
+    unknowns: Knowledge,
+    loss: AbstractLoss | None,
+    split: bool = False,
+    layout: Layout | None = None,
 ) -> LeastSquares:
     """Pose, bake and weigh a problem; the sigmas of the points are carried into the image at the start values.
 
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
     refuse_extremes(sensor, "calibrate")
-    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split)
-    baked, linked = _bake(problem, jnp.asarray(start))
-    before, follows, seen = _begin(baked, jnp.asarray(start))
+    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split, layout)
+    baked, linked = _fenced(_bake, problem, jnp.asarray(start))
+    before, follows, seen = _fenced(_begin, baked, jnp.asarray(start))
     n = len(observations)
     before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
@@ -140,7 +156,7 @@ def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> 
 def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
     """Residuals and derivatives of all observations at whitened unknowns."""
     n = len(ready.observations)
-    residual, rows, unseen = _evaluate(ready.problem, jnp.asarray(u))
+    residual, rows, unseen = _fenced(_evaluate, ready.problem, jnp.asarray(u))
     residual, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(residual), _stacked(rows), unseen))
     math = arrays_of((residual, ready.weight))
     w00, w10, w11 = ready.weight.T
@@ -149,6 +165,13 @@ def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
     y_rows = (rows[:, 1] - w10[:, None] * x_rows) / w11[:, None]
     whitened = math.stack([w00 * x, w10 * x + w11 * y], axis=-1)
     return Linearised(plain(u), residual, whitened, rows, math.stack([x_rows, y_rows], axis=1), unseen)
+
+
+def _fenced(of: Any, problem: Problem, u: Array) -> Any:
+    """A compiled function's answer; while tracing, a part of the whole that is evaluated once."""
+    if arrays_of((problem, u)) is np:
+        return of(problem, u)
+    return once(lambda: of(problem, u), problem.unknowns.scale[0] > 0)
 
 
 def refine(

@@ -1,15 +1,16 @@
 """Thousands of calibrations in one call, through the same chain as one.
 
-A lane is a calibration. Lanes are solved by a fixed number of Gauss-Newton steps in small chunks (a Levenberg-Marquardt under
-vmap runs to its slowest lane and pays for both of its branches), shares of them side by side on all cores. Runs are read,
-prepared and forgotten share by share, so that memory does not grow with their number.
+A lane is a calibration: `prepare` and Gauss-Newton steps of the same core, traced, in small chunks (a Levenberg-Marquardt under
+vmap runs to its slowest lane and pays for both of its branches), shares of them side by side on all cores. Runs are read, solved
+and forgotten share by share, so that memory does not grow with their number.
 """
 
 import dataclasses
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,16 +19,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..algebra.vectors import Vec2
+from ..algebra.vectors import Vec2, stack
+from ..chain.extremes import refuse_extremes
 from ..chain.sensor import Sensor
+from ..chain.shot import KEYS
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of
+from .given import Given, Knowledge, given, posed
 from .least_squares import descend, judge
 from .linearised import LeastSquares, impossible, pixels, prepare, refuse
 from .observations import Observations
-from .problem import Problem, by_observation_of_runs
-from .unknown import Unknown, need_unknowns
+from .problem import Layout, Problem, by_observation
+from .unknown import Unknown
 
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
 
@@ -95,7 +99,7 @@ def solve_lanes(
     return jax.lax.map(lane, arrays, batch_size=chunk)
 
 
-def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
+def _solve(problem: Problem, start: Any, steps: int) -> Lanes:
     m = start.shape[0]
     here = descend(problem, start, steps)
     u, step, normal = here
@@ -107,11 +111,53 @@ def _solve(problem: Problem, start: Float[Array, " k"], steps: int) -> Lanes:
     return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
 
 
-_compiled = eqx.filter_jit(solve_lanes)
+class _Solved(NamedTuple):
+    """Lanes in the units of the fields, by observation; `unseen` is the worst code of any observation where the lane starts."""
+
+    value: Float[Any, "lanes k"]
+    covariance: Float[Any, "lanes k k"]
+    cost: Float[Any, " lanes"]
+    before_px: Float[Any, "lanes n 2"]
+    after_px: Float[Any, "lanes n 2"]
+    result: RESULTS
+
+
+def _answered(ready: LeastSquares, lanes: Lanes) -> _Solved:
+    """One lane."""
+    numbers, n = ready.problem.unknowns, len(ready.observations)
+    after = by_observation([jnp.stack(pair) for pair in lanes.residual_px], ready.indices, n)
+    unseen = jnp.asarray(ready.unseen).max().astype(jnp.int32)
+    result = first_failure(jax.tree.map(lambda _: unseen, RESULTS.successful), lanes.result)
+    covariance = lanes.covariance * jnp.outer(numbers.scale, numbers.scale)
+    return _Solved(numbers.value(lanes.u), covariance, lanes.cost, jnp.asarray(ready.before_px), after, result)
+
+
+@eqx.filter_jit
+def _solve_runs(runs: Any, static: Any, priors: Given, layout: Layout, steps: int, chunk: int) -> _Solved:
+    def lane(arrays: Any) -> _Solved:
+        sensor, observations = eqx.combine(arrays, static)
+        ready = prepare(sensor, observations, priors, None, layout=layout)
+        return _answered(ready, _solve(ready.problem, ready.start, steps))
+
+    return jax.lax.map(lane, runs, batch_size=chunk)
+
+
+@eqx.filter_jit
+def _solve_redrawn(
+    pixel_px: Float[Array, "runs n 2"], own: Any, static: Any, priors: Given, layout: Layout, steps: int, chunk: int
+) -> _Solved:
+    sensor, observations = eqx.combine(own, static)
+    ready = prepare(sensor, observations, priors, None, layout=layout)
+
+    def lane(pixel: Array) -> _Solved:
+        drawn = ready.drawn_anew(pixel)
+        return _answered(drawn, _solve(drawn.problem, drawn.start, steps))
+
+    return jax.lax.map(lane, pixel_px, batch_size=chunk)
 
 
 def calibrate_batch(
-    runs: Iterable[tuple[Sensor, Observations]], unknowns: Sequence[Unknown], *, steps: int = 6, chunk: int = 10
+    runs: Iterable[tuple[Sensor, Observations]], unknowns: Knowledge, *, steps: int = 6, chunk: int = 10
 ) -> Batch:
     """Calibrate every run: other seeds, other truths, other flights, of one instrument and one layout of points.
 
@@ -129,49 +175,44 @@ def calibrate_batch(
     **Raises:** `WhiskjaxError` where there is no run, or one of another shape than the first, by its number.
     """
     require_x64("calibrate_batch")
-    need_unknowns("calibrate_batch", "unknowns", unknowns)
+    priors = given("calibrate_batch", "unknowns", unknowns)
     need("calibrate_batch", "runs", runs, Iterable, "pairs (sensor, observations)")
     _ask_whole("calibrate_batch", steps, chunk)
 
-    def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
-        count, shape = 0, None
+    def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
+        count, first = 0, None
         runs_left = iter(runs)
         while share := list(itertools.islice(runs_left, _SHARE)):
-            ready = []
             for number, pair in enumerate(share, start=count):
-                need("calibrate_batch", f"run {number}", pair, tuple, "(sensor, observations)")
-                if len(pair) != 2:
-                    raise WhiskjaxError(f"calibrate_batch: run {number} has {len(pair)} parts: (sensor, observations)")
-                sensor, observations = pair
-                need("calibrate_batch", f"sensor of run {number}", sensor, Sensor)
-                need("calibrate_batch", f"observations of run {number}", observations, Observations)
-                if not observations.is_control.any():
-                    raise WhiskjaxError(f"run {number}: all points are check points; at least one control point is needed")
-                ready.append(prepare(sensor, observations, unknowns, None, split=True))
-                shape = shape or _shape(ready[0])
-                if _shape(ready[-1]) != shape:
+                sensor, observations = _run(number, pair)
+                if first is None:
+                    first = _First.of(sensor, observations, priors)
+                    posed(sensor, priors)  # refuses what makes no sense while numbers are known
+                refuse_extremes(sensor, "calibrate")
+                if not first.fits(sensor, observations):
                     raise WhiskjaxError(
                         f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in "
                         "another order; runs of one call share the images, roles and order of their observations"
                     )
             count += len(share)
-            stacked = jax.tree.map(_stack, *(_on_host(one) for one in ready))
-            # What is one for all lanes also lets XLA see that a condition on it is (columns.py).
-            nothing, first = jax.tree.map(lambda _: None, stacked), ready[0].problem.unknowns
-            common = eqx.tree_at(_of_priors, nothing, (first.scale, first.root), is_leaf=_is_none)
-            stacked = eqx.tree_at(_of_priors, stacked, (None, None))
-            start = np.stack([one.start for one in ready])
-            before = np.stack([one.before_px for one in ready])
-            unseen = np.stack([one.unseen.max() for one in ready])
-            yield _Share(ready[0], np.asarray(stacked.unknowns.mean), before, unseen), stacked, start, common
+            assert first is not None
+            # A shorter share is filled up, so that nothing is compiled for its length.
+            fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(share) - 1)
+            stacked = [np.stack(leaves)[fill] for leaves in zip(*(_arrays(pair) for pair in share), strict=True)]
+            arrays = jax.tree.unflatten(first.structure, [jnp.asarray(leaf) for leaf in stacked])
+            yield (
+                len(share),
+                int(first.keys[0].sum()),
+                partial(_solve_runs, arrays, first.static, first.priors, first.layout, steps, chunk),
+            )
 
-    return _gather(shares(), unknowns, steps, chunk)
+    return _gather(shares(), priors)
 
 
 def calibrate_redrawn(
     sensor: Sensor,
     observations: Observations,
-    unknowns: Sequence[Unknown],
+    unknowns: Knowledge,
     pixel_px: Float[np.ndarray, "runs n 2"],
     *,
     steps: int = 6,
@@ -186,40 +227,33 @@ def calibrate_redrawn(
     **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("calibrate_redrawn")
-    _ask("calibrate_redrawn", sensor, observations, unknowns)
+    priors = _ask("calibrate_redrawn", sensor, observations, unknowns)
     _ask_whole("calibrate_redrawn", steps, chunk)
     arrays = Arrays("calibrate_redrawn")
     pixel_px = np.asarray(arrays.take("pixel_px", pixel_px, f"runs {len(observations)} 2", finite=True))
     if len(pixel_px) == 0:
         arrays.refuse("pixel_px", f"has shape {pixel_px.shape}, expected (runs, {len(observations)}, 2) of at least one run")
-    if not observations.is_control.any():
-        raise WhiskjaxError("all points are check points; at least one control point is needed")
-    ready = prepare(sensor, observations, unknowns, None, split=True)
-    refuse(ready.unseen, observations)
-    problem = _on_host(ready)
+    _run(0, (sensor, observations))
+    refuse(prepare(sensor, observations, priors, None).unseen, observations)
+    first = _First.of(sensor, observations, priors)
+    own = jax.tree.unflatten(first.structure, [jnp.asarray(leaf) for leaf in _arrays((sensor, observations))])
 
-    def pixel_of(problem: Problem) -> list:
-        return [group.pixel for group in problem.groups]
+    def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
+        for start in range(0, len(pixel_px), _SHARE):
+            drawn = pixel_px[start : start + _SHARE]
+            fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(drawn) - 1)
+            pixels = jnp.asarray(drawn[fill])
+            yield (
+                len(drawn),
+                int(first.keys[0].sum()),
+                partial(_solve_redrawn, pixels, own, first.static, first.priors, first.layout, steps, chunk),
+            )
 
-    common = eqx.tree_at(pixel_of, problem, [(None, None)] * len(problem.groups))
-    nothing = jax.tree.map(lambda _: None, problem)
-
-    groups = zip(problem.groups, ready.indices, strict=True)
-    padded = [np.concatenate([i, np.full(len(group.pixel[0]) - len(i), i[0])]) for group, i in groups]
-
-    def shares() -> Iterator[tuple[_Share, Problem, Any, Problem | None]]:
-        for first in range(0, len(pixel_px), _SHARE):
-            drawn = pixel_px[first : first + _SHARE]
-            own = eqx.tree_at(pixel_of, nothing, [(drawn[:, i, 0], drawn[:, i, 1]) for i in padded], is_leaf=_is_none)
-            before = ready.before_px + drawn - observations.pixel_px
-            nothing_failed = np.zeros(len(drawn), dtype=np.int32)
-            yield _Share(ready, np.asarray(problem.unknowns.mean)[None], before, nothing_failed), own, ready.start, common
-
-    return _gather(shares(), unknowns, steps, chunk)
+    return _gather(shares(), priors)
 
 
 def images_of(
-    sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown], values: Float[np.ndarray, "runs k"]
+    sensor: Sensor, observations: Observations, unknowns: Knowledge, values: Float[np.ndarray, "runs k"]
 ) -> Float[np.ndarray, "runs n 2"]:
     """Where the points of the observations are imaged, at their times, by sensors with other values of the unknowns, in pixels.
 
@@ -228,93 +262,127 @@ def images_of(
     **Raises:** `WhiskjaxError` where the shape does not fit; `SensorError` naming an observation that cannot be imaged.
     """
     require_x64("images_of")
-    _ask("images_of", sensor, observations, unknowns)
-    values = Arrays("images_of").take("values", values, f"runs {len(unknowns)}", finite=True)
-    ready = prepare(sensor, observations, unknowns, None)
+    priors = _ask("images_of", sensor, observations, unknowns)
+    n = len(observations)
+    values = Arrays("images_of").take("values", values, f"runs {len(priors.unknowns)}", finite=True)
+    ready = prepare(sensor, observations, priors, None)
     refuse(ready.unseen, observations)
     u = (np.asarray(values) - np.asarray(ready.problem.unknowns.mean)) / ready.scale
-    residual, codes = _residuals_of(ready.problem, jnp.asarray(u))
-    codes = by_observation_of_runs([np.asarray(codes)[:, None]], ready.indices)[:, :, 0].astype(int)
-    for run in np.flatnonzero(codes.any(axis=1))[:1]:
-        raise SensorError(f"images_of: values {run}: {impossible(codes[run], observations)}")
-    residual = np.stack(residual, axis=1)
-    return observations.pixel_px - by_observation_of_runs([residual], ready.indices)
+    residual, codes = (np.asarray(part) for part in _residuals_of(ready.problem, jnp.asarray(u)))
+    for run in np.flatnonzero(codes[:, :n].any(axis=1))[:1]:
+        raise SensorError(f"images_of: values {run}: {impossible(codes[run, :n], observations)}")
+    return observations.pixel_px - residual[:, :n]
 
 
 @eqx.filter_jit
-def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> tuple[Vec2, Int[Array, "runs n"]]:
+def _residuals_of(problem: Problem, u: Float[Array, "runs k"]) -> tuple[Float[Array, "runs n 2"], Int[Array, "runs n"]]:
     (group,) = problem.groups
-    return jax.lax.map(lambda one: pixels(problem, group, one), u, batch_size=25)
+
+    def one(u: Array) -> tuple[Array, Array]:
+        residual, code = pixels(problem, group, u)
+        return stack(residual), code
+
+    return jax.lax.map(one, u, batch_size=25)
 
 
-class _Share(NamedTuple):
-    """What the solver does not need: the layout of the runs; of each its mean, residuals before, and worst failure code."""
+class _First(NamedTuple):
+    """What all runs of a call have in common: the structure of what goes in, and the layout of the observations."""
 
-    layout: LeastSquares
-    mean: Float[np.ndarray, "#lanes k"]
-    before_px: Float[np.ndarray, "lanes n 2"]
-    unseen: Int[np.ndarray, " lanes"]
+    structure: Any
+    static: Any
+    shapes: tuple[Any, ...]
+    keys: tuple[Any, ...]
+    layout: Layout
+    priors: Given
+
+    @classmethod
+    def of(cls, sensor: Sensor, observations: Observations, priors: Given) -> "_First":
+        """From the first run."""
+        arrays, static = _parted(sensor, observations)
+        leaves, structure = jax.tree.flatten(arrays)
+        layout = Layout.of(sensor, observations, split=True)
+        # As arrays, so that nothing is compiled for what they happen to be, and common to all lanes.
+        numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), priors)
+        return cls(structure, static, tuple(np.shape(leaf) for leaf in leaves), _keys(observations), layout, numbers)
+
+    def fits(self, sensor: Sensor, observations: Observations) -> bool:
+        """Whether a run has it too."""
+        arrays, static = _parted(sensor, observations)
+        leaves, structure = jax.tree.flatten(arrays)
+        if structure != self.structure or tuple(np.shape(leaf) for leaf in leaves) != self.shapes:
+            return False
+        same = jax.tree.leaves(static) == jax.tree.leaves(self.static)
+        return same and all(np.array_equal(a, b) for a, b in zip(_keys(observations), self.keys, strict=True))
 
 
-def _gather(
-    shares: Iterable[tuple[_Share, Problem, Any, Problem | None]], unknowns: Sequence[Unknown], steps: int, chunk: int
-) -> Batch:
+def _keys(observations: Observations) -> tuple[Any, ...]:
+    return observations.is_control, *(observations.key(key) for key in KEYS)
+
+
+def _parted(sensor: Sensor, observations: Observations) -> tuple[Any, Any]:
+    """Arrays, numpy's too, and all else: exact zeros and ones of the chain stay numbers. Who is control is in the layout."""
+    return eqx.partition((sensor, eqx.tree_at(lambda o: o.is_control, observations, None)), _is_array)
+
+
+def _is_array(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array | np.ndarray)
+
+
+def _arrays(run: tuple[Sensor, Observations]) -> list[Any]:
+    return [np.asarray(leaf) for leaf in jax.tree.leaves(_parted(*run)[0])]
+
+
+def _run(number: int, pair: Any) -> tuple[Sensor, Observations]:
+    """**Raises:** `WhiskjaxError` where that is no run with a control point."""
+    need("calibrate_batch", f"run {number}", pair, tuple, "(sensor, observations)")
+    if len(pair) != 2:
+        raise WhiskjaxError(f"calibrate_batch: run {number} has {len(pair)} parts: (sensor, observations)")
+    sensor, observations = pair
+    need("calibrate_batch", f"sensor of run {number}", sensor, Sensor)
+    need("calibrate_batch", f"observations of run {number}", observations, Observations)
+    if not observations.is_control.any():
+        raise WhiskjaxError(f"run {number}: all points are check points; at least one control point is needed")
+    return sensor, observations
+
+
+def _gather(shares: Iterable[tuple[int, int, Callable[[], _Solved]]], priors: Given) -> Batch:
     """Solve shares side by side as they come, and put them together."""
     cores = len(os.sched_getaffinity(0))
-    done: list[tuple[_Share, Future[Lanes]]] = []
+    done: list[Future[_Solved]] = []
+    freedom = 0
+
+    def finished(runs: int, solve: Callable[[], _Solved]) -> _Solved:
+        return jax.tree.map(lambda a: np.asarray(a)[:runs], solve())
+
     # One worker more than cores: each leaves a gap whenever it waits for XLA's own pool.
     with ThreadPoolExecutor(cores + 1 if cores > 1 else 1) as pool:
-        for share, problem, start, common in shares:
-            job = pool.submit(_finished, problem, start, steps, chunk, common)
-            done.append((share, job))
+        for runs, control, solve in shares:
+            freedom = 2 * control + sum(x.sigma is not None for x in priors.unknowns) - len(priors.unknowns)
+            done.append(pool.submit(finished, runs, solve))
             tell(f"batch: share {len(done)} of up to {_SHARE} runs")
             if len(done) == 1:
-                job.result()  # compiles; the others find it compiled
+                done[0].result()  # compiles; the others find it compiled
             elif len(done) > 2 * cores:
-                done[-2 * cores][1].result()  # do not run ahead of the workers: what waits is held in memory
+                done[-2 * cores].result()  # do not run ahead of the workers: what waits is held in memory
     if not done:
         raise WhiskjaxError("calibrate_batch: there are no runs")
-    layout = done[0][0].layout
-    solved = [job.result() for _, job in done]
-    value = [share.mean + layout.scale * lanes.u for (share, _), lanes in zip(done, solved, strict=True)]
-    covariance, cost = (np.concatenate([getattr(lanes, name) for lanes in solved]) for name in ("covariance", "cost"))
-    after = [by_observation_of_runs([np.stack(pair, 1) for pair in lanes.residual_px], layout.indices) for lanes in solved]
-    unseen = np.concatenate([share.unseen for share, _ in done])
-    codes = np.concatenate([codes_of(lanes.result) for lanes in solved])
-    used = int(layout.observations.is_control.sum())
+    whole: _Solved = jax.tree.map(lambda *parts: np.concatenate(parts), *(job.result() for job in done))
     return Batch(
-        unknowns=tuple(unknowns),
-        value=np.concatenate(value),
-        covariance=covariance * np.outer(layout.scale, layout.scale),
-        cost=cost,
-        degrees_of_freedom=2 * used + int(layout.has_prior.sum()) - len(unknowns),
-        residual_before_px=np.concatenate([share.before_px for share, _ in done]),
-        residual_after_px=np.concatenate(after),
-        result=jax.tree.map(lambda _: np.where(unseen != 0, unseen, codes), RESULTS.successful),
+        unknowns=priors.unknowns,
+        value=whole.value,
+        covariance=whole.covariance,
+        cost=whole.cost,
+        degrees_of_freedom=freedom,
+        residual_before_px=whole.before_px,
+        residual_after_px=whole.after_px,
+        result=whole.result,
     )
 
 
-def _finished(problem: Problem, start: Any, steps: int, chunk: int, common: Problem | None) -> Lanes:
-    """Lanes as numpy arrays; a shorter share is filled up, so that nothing is compiled for its length."""
-    lanes = problem.groups[0].pixel[0].shape[0]
-    fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), lanes - 1)
-    problem = jax.tree.map(lambda a: a[fill] if isinstance(a, np.ndarray) else a, problem)
-    start = start if start.ndim == 1 else start[fill]
-    solved = _compiled(problem, jnp.asarray(start), steps, chunk, common)
-    return jax.tree.map(lambda a: np.asarray(a)[:lanes], solved)
-
-
-def _shape(ready: LeastSquares) -> tuple:
-    """What runs of one call have in common: the chain, its arrays' shapes, and which observations are whose."""
-    leaves, tree = jax.tree.flatten(ready.problem)
-    arrays = tuple(leaf.shape if eqx.is_array(leaf) else leaf for leaf in leaves)
-    return tree, arrays, tuple(tuple(index) for index in ready.indices)
-
-
-def _ask(owner: str, sensor: Sensor, observations: Observations, unknowns: Sequence[Unknown]) -> None:
+def _ask(owner: str, sensor: Sensor, observations: Observations, unknowns: Knowledge) -> Given:
     need(owner, "sensor", sensor, Sensor)
     need(owner, "observations", observations, Observations)
-    need_unknowns(owner, "unknowns", unknowns)
+    return given(owner, "unknowns", unknowns)
 
 
 def _ask_whole(owner: str, steps: int, chunk: int) -> None:
@@ -322,20 +390,3 @@ def _ask_whole(owner: str, steps: int, chunk: int) -> None:
     for name, value, meaning in (("steps", steps, "a number of steps"), ("chunk", chunk, "a number of lanes")):
         if not int(arrays.take_whole(name, value, "", meaning=meaning)) > 0:
             arrays.refuse(name, f"is {meaning}, 1 or more, not {value}")
-
-
-def _on_host(ready: LeastSquares) -> Problem:
-    """The problem with numpy arrays; exact zeros and ones of the chain stay numbers."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, ready.problem)
-
-
-def _of_priors(problem: Problem) -> tuple[Any, Any]:
-    return problem.unknowns.scale, problem.unknowns.root
-
-
-def _is_none(x: Any) -> bool:
-    return x is None
-
-
-def _stack(*leaves: Any) -> Any:
-    return np.stack(leaves) if isinstance(leaves[0], np.ndarray) else leaves[0]

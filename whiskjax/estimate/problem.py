@@ -4,7 +4,7 @@ Unknowns are whitened, value = mean + scale * u, so that the identity damping of
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -81,29 +81,51 @@ def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2
     return observed, problem.unknowns.root @ u
 
 
-def _groups(sensor: Sensor, observations: Observations, split: bool) -> tuple[tuple[Group, ...], list[np.ndarray]]:
-    told_apart = sensor.key_names()
-    choosing = [key for key in KEYS if split and key in told_apart]
-    codes = np.zeros((len(observations), len(choosing) + 1), dtype=int)
-    for j, key in enumerate(choosing):
-        value = observations.key(key)
-        if value is None:
-            raise WhiskjaxError(f"the sensor tells its {key}s apart, but the observations carry no {key}")
-        codes[:, j] = value
-    codes[:, -1] = observations.is_control if split else True
-    groups, indices = [], []
-    for code in np.unique(codes, axis=0):
-        index = np.flatnonzero((codes == code).all(axis=1))
+class Layout(NamedTuple):
+    """Which observations are imaged by the same code: for each group the keys that are chosen before tracing, whether it decides,
+    and its observations, int32 in bytes, so that a layout can be static."""
+
+    groups: tuple[tuple[tuple[tuple[str, int], ...], bool, bytes], ...]
+
+    @classmethod
+    def of(cls, sensor: Sensor, observations: Observations, split: bool) -> "Layout":
+        """One group for each swing, view and image that the sensor tells apart, check points by themselves; or one for all.
+
+        **Raises:** `WhiskjaxError` where the observations lack a key that the sensor tells apart.
+        """
+        told_apart = sensor.key_names()
+        for key in told_apart if split else ():
+            if observations.key(key) is None:
+                raise WhiskjaxError(f"the sensor tells its {key}s apart, but the observations carry no {key}")
+        choosing = [key for key in KEYS if split and key in told_apart]
+        columns = [observations.key(key) for key in choosing]
+        decides = observations.is_control if split else np.ones(len(observations), dtype=bool)
+        codes = np.column_stack([*columns, decides]).astype(int)
+        groups = []
+        for code in np.unique(codes, axis=0):
+            index = np.flatnonzero((codes == code).all(axis=1)).astype(np.int32)
+            keys = tuple((key, int(c)) for key, c in zip(choosing, code, strict=False))
+            groups.append((keys, bool(code[-1]), index.tobytes()))
+        return cls(tuple(groups))
+
+    @property
+    def indices(self) -> list[np.ndarray]:
+        """The observations of each group."""
+        return [np.frombuffer(index, dtype=np.int32) for *_, index in self.groups]
+
+
+def _groups(observations: Observations, layout: Layout) -> tuple[Group, ...]:
+    groups = []
+    for (keys, decides, _), index in zip(layout.groups, layout.indices, strict=True):
         padded = np.concatenate([index, np.full(rounded(len(index), 8) - len(index), index[0])])
-        fields: dict[str, Any] = {key: int(c) for key, c in zip(choosing, code, strict=False)}
+        fields: dict[str, Any] = dict(keys)
         for key in ("time_s", *KEYS):
-            if key not in choosing and (value := observations.key(key)) is not None:
+            if key not in fields and (value := observations.key(key)) is not None:
                 fields[key] = value[padded]
         zero = np.zeros((len(padded), 3))
         columns = (_columns(a) for a in (observations.point_m[padded], observations.pixel_px[padded], zero))
-        groups.append(Group(Shot(**fields), *columns, decides=bool(code[-1])))
-        indices.append(index)
-    return tuple(groups), indices
+        groups.append(Group(Shot(**fields), *columns, decides=decides))
+    return tuple(groups)
 
 
 def _columns(a: Any) -> tuple[Array, ...]:
@@ -118,6 +140,7 @@ def pose_problem(
     unknowns: Knowledge,
     loss: AbstractLoss | None = None,
     split: bool = True,
+    layout: Layout | None = None,
 ) -> tuple[Problem, Float[np.ndarray, " unknowns"], list[np.ndarray]]:
     """A calibration as a `Problem`, all weights still zero.
 
@@ -125,13 +148,14 @@ def pose_problem(
 
     - `split`: make one group for each swing, view and image that the sensor tells apart, check points by themselves. Then only
       the unknowns that act on a group are differentiated for it, which is fastest to run; one group is fastest to compile.
+    - `layout`: the groups, where keys and roles are traced.
 
     **Returns:** the problem, the whitened start, and for each group the indices of its observations.
     """
     sensor, parameters, u = posed(sensor, given("calibrate", "unknowns", unknowns))
     sensor.refuse_aligned("calibrate")
-    groups, indices = _groups(sensor, observations, split)
-    return Problem(sensor, groups, parameters, loss), u, indices
+    layout = layout or Layout.of(sensor, observations, split)
+    return Problem(sensor, _groups(observations, layout), parameters, loss), u, layout.indices
 
 
 def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.ndarray]) -> Problem:
@@ -150,11 +174,3 @@ def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> 
     if len(rows) == 1:
         return rows[0]
     return math.concatenate(rows)[np.argsort(np.concatenate(indices))]
-
-
-def by_observation_of_runs(groups: Sequence[Any], indices: list[np.ndarray]) -> np.ndarray:
-    """Back from arrays (runs, ..., padded) of each group to one array (runs, n, ...)."""
-    out = np.zeros((groups[0].shape[0], sum(map(len, indices)), *groups[0].shape[1:-1]))
-    for group, index in zip(groups, indices, strict=True):
-        out[:, index] = np.moveaxis(np.asarray(group)[..., : len(index)], -1, 1)
-    return out
