@@ -14,7 +14,7 @@ from ..rules import WhiskjaxError, is_traced
 from .by import By
 from .sensor import Sensor
 
-_MOST, _LEAST_FOCAL_PX = 1e30, 1e-30
+MOST, _LEAST_FOCAL_PX = 1e30, 1e-30
 
 
 def refuse_extremes(sensor: Sensor, doing: str) -> None:
@@ -43,7 +43,7 @@ def _refuse(values: np.ndarray, where: str, doing: str) -> None:
     if values.dtype.kind != "f":
         return
     size = np.abs(values)
-    wrong = np.isfinite(size) & (size > _MOST)
+    wrong = np.isfinite(size) & (size > MOST)
     if where.endswith("focal_px"):
         wrong |= (size < _LEAST_FOCAL_PX) | np.isinf(size)
     if wrong.any():

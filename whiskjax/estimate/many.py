@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..algebra.vectors import Vec2, stack
-from ..chain.extremes import refuse_extremes
+from ..chain.extremes import MOST, refuse_extremes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
@@ -133,20 +133,25 @@ def _answered(ready: LeastSquares, lanes: Lanes) -> _Solved:
 
 
 @eqx.filter_jit
-def _solve_runs(runs: Any, static: Any, priors: Given, layout: Layout, steps: int, chunk: int) -> _Solved:
-    def lane(arrays: Any) -> _Solved:
-        sensor, observations = eqx.combine(arrays, static)
+def _solve_runs(own: Any, common: Any, priors: Given, layout: Layout, steps: int, chunk: int) -> _Solved:
+    def lane(own: Any) -> _Solved:
+        sensor, observations = eqx.combine(own, common)
         ready = prepare(sensor, observations, priors, None, layout=layout)
         return _answered(ready, _solve(ready.problem, ready.start, steps))
 
-    return jax.lax.map(lane, runs, batch_size=chunk)
+    return jax.lax.map(lane, own, batch_size=chunk)
 
 
 @eqx.filter_jit
 def _solve_redrawn(
-    pixel_px: Float[Array, "runs n 2"], own: Any, static: Any, priors: Given, layout: Layout, steps: int, chunk: int
+    pixel_px: Float[Array, "runs n 2"],
+    sensor: Sensor,
+    observations: Observations,
+    priors: Given,
+    layout: Layout,
+    steps: int,
+    chunk: int,
 ) -> _Solved:
-    sensor, observations = eqx.combine(own, static)
     ready = prepare(sensor, observations, priors, None, layout=layout)
 
     def lane(pixel: Array) -> _Solved:
@@ -180,31 +185,32 @@ def calibrate_batch(
     _ask_whole("calibrate_batch", steps, chunk)
 
     def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
-        count, first = 0, None
+        count, first, varying = 0, None, set()
         runs_left = iter(runs)
         while share := list(itertools.islice(runs_left, _SHARE)):
+            columns = []
             for number, pair in enumerate(share, start=count):
                 sensor, observations = _run(number, pair)
                 if first is None:
-                    first = _First.of(sensor, observations, priors)
+                    refuse_extremes(sensor, "calibrate")
                     posed(sensor, priors)  # refuses what makes no sense while numbers are known
-                refuse_extremes(sensor, "calibrate")
-                if not first.fits(sensor, observations):
-                    raise WhiskjaxError(
-                        f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in "
-                        "another order; runs of one call share the images, roles and order of their observations"
-                    )
-            count += len(share)
+                    first = _First.of(sensor, observations, priors)
+                columns.append(first.leaves_of(number, sensor, observations))
             assert first is not None
+            count += len(share)
+            # Numbers that all runs share are not copied for each, and let XLA see that a condition on them is common.
+            rows = list(zip(*columns, strict=True))
+            varying |= {i for i, row in enumerate(rows) if any(leaf is not row[0] for leaf in row)}
             # A shorter share is filled up, so that nothing is compiled for its length.
             fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(share) - 1)
-            stacked = [np.stack(leaves)[fill] for leaves in zip(*(_arrays(pair) for pair in share), strict=True)]
-            arrays = jax.tree.unflatten(first.structure, [jnp.asarray(leaf) for leaf in stacked])
-            yield (
-                len(share),
-                int(first.keys[0].sum()),
-                partial(_solve_runs, arrays, first.static, first.priors, first.layout, steps, chunk),
-            )
+            stacked = [np.stack([np.asarray(leaf) for leaf in row])[fill] if i in varying else None for i, row in enumerate(rows)]
+            if any(_is_extreme(leaf) for leaf in stacked):
+                for sensor, _ in share:
+                    refuse_extremes(sensor, "calibrate")
+            own = [None if leaf is None else jnp.asarray(leaf) for leaf in stacked]
+            common = [None if i in varying else _on_device(row[0]) for i, row in enumerate(rows)]
+            trees = (jax.tree.unflatten(first.structure, leaves) for leaves in (own, common))
+            yield len(share), first.control, partial(_solve_runs, *trees, first.priors, first.layout, steps, chunk)
 
     return _gather(shares(), priors)
 
@@ -236,18 +242,14 @@ def calibrate_redrawn(
     _run(0, (sensor, observations))
     refuse(prepare(sensor, observations, priors, None).unseen, observations)
     first = _First.of(sensor, observations, priors)
-    own = jax.tree.unflatten(first.structure, [jnp.asarray(leaf) for leaf in _arrays((sensor, observations))])
+    leaves = [_on_device(leaf) for leaf in first.leaves_of(0, sensor, observations)]
+    given_once = (*jax.tree.unflatten(first.structure, leaves), first.priors, first.layout, steps, chunk)
 
     def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
         for start in range(0, len(pixel_px), _SHARE):
             drawn = pixel_px[start : start + _SHARE]
             fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(drawn) - 1)
-            pixels = jnp.asarray(drawn[fill])
-            yield (
-                len(drawn),
-                int(first.keys[0].sum()),
-                partial(_solve_redrawn, pixels, own, first.static, first.priors, first.layout, steps, chunk),
-            )
+            yield len(drawn), first.control, partial(_solve_redrawn, jnp.asarray(drawn[fill]), *given_once)
 
     return _gather(shares(), priors)
 
@@ -289,7 +291,6 @@ class _First(NamedTuple):
     """What all runs of a call have in common: the structure of what goes in, and the layout of the observations."""
 
     structure: Any
-    static: Any
     shapes: tuple[Any, ...]
     keys: tuple[Any, ...]
     layout: Layout
@@ -298,38 +299,48 @@ class _First(NamedTuple):
     @classmethod
     def of(cls, sensor: Sensor, observations: Observations, priors: Given) -> "_First":
         """From the first run."""
-        arrays, static = _parted(sensor, observations)
-        leaves, structure = jax.tree.flatten(arrays)
+        leaves, structure = jax.tree.flatten((sensor, observations))
         layout = Layout.of(sensor, observations, split=True)
         # As arrays, so that nothing is compiled for what they happen to be, and common to all lanes.
         numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), priors)
-        return cls(structure, static, tuple(np.shape(leaf) for leaf in leaves), _keys(observations), layout, numbers)
+        return cls(structure, tuple(map(_shape, leaves)), _keys(observations), layout, numbers)
 
-    def fits(self, sensor: Sensor, observations: Observations) -> bool:
-        """Whether a run has it too."""
-        arrays, static = _parted(sensor, observations)
-        leaves, structure = jax.tree.flatten(arrays)
-        if structure != self.structure or tuple(np.shape(leaf) for leaf in leaves) != self.shapes:
-            return False
-        same = jax.tree.leaves(static) == jax.tree.leaves(self.static)
-        return same and all(np.array_equal(a, b) for a, b in zip(_keys(observations), self.keys, strict=True))
+    @property
+    def control(self) -> int:
+        """How many observations decide."""
+        return int(self.keys[0].sum())
+
+    def leaves_of(self, number: int, sensor: Sensor, observations: Observations) -> list[Any]:
+        """The arrays of a run.
+
+        **Raises:** `WhiskjaxError` where its structure, the shape of an array, or the layout of its observations is another.
+        """
+        leaves, structure = jax.tree.flatten((sensor, observations))
+        fits = structure == self.structure and tuple(map(_shape, leaves)) == self.shapes
+        if not (fits and all(np.array_equal(a, b) for a, b in zip(_keys(observations), self.keys, strict=True))):
+            raise WhiskjaxError(
+                f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in "
+                "another order; runs of one call share the images, roles and order of their observations"
+            )
+        return leaves
+
+
+def _shape(leaf: Any) -> Any:
+    """Of an array; exact zeros and ones of the chain stay numbers, and are the same in all runs."""
+    return leaf.shape if isinstance(leaf, jax.Array | np.ndarray) else leaf
+
+
+def _on_device(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf
 
 
 def _keys(observations: Observations) -> tuple[Any, ...]:
     return observations.is_control, *(observations.key(key) for key in KEYS)
 
 
-def _parted(sensor: Sensor, observations: Observations) -> tuple[Any, Any]:
-    """Arrays, numpy's too, and all else: exact zeros and ones of the chain stay numbers. Who is control is in the layout."""
-    return eqx.partition((sensor, eqx.tree_at(lambda o: o.is_control, observations, None)), _is_array)
-
-
-def _is_array(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array | np.ndarray)
-
-
-def _arrays(run: tuple[Sensor, Observations]) -> list[Any]:
-    return [np.asarray(leaf) for leaf in jax.tree.leaves(_parted(*run)[0])]
+def _is_extreme(stacked: np.ndarray | None) -> bool:
+    """Whether some run may hold a number that no instrument has."""
+    return stacked is not None and stacked.dtype.kind == "f" and bool(np.nanmax(np.abs(stacked), initial=0) > MOST)
 
 
 def _run(number: int, pair: Any) -> tuple[Sensor, Observations]:
