@@ -1,103 +1,106 @@
-"""How a frame errs: what is structural, what a statement's covariance is, and which statements are refused."""
+"""Errors of recorded frames in a calibration: new ones weigh, common ones are considered."""
+
+import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.estimate.test_pure import COVARIANCE_M2, N, PIXEL_PX, POINT_M, SIZE, TIME_S, UNKNOWNS, sensor
 
-INF = float("inf")
-TIME_S = np.array([3.0, 0.0, 0.5, 9.0, 3.0])
-STRIP = np.array([0, 0, 1, 1, 0])
-SHOTS = wj.Shot(time_s=TIME_S, strip=STRIP)
-SIGMA = np.array([1e-3, 0.0, 2e-3, 0.1, 0.2, 0.3])
-TAU_S = (0.0, 2.0, 7.0, INF, 2.0, 0.0)
-
-
-def kernel(i, j, tau):
-    """The textbook's: white, exponential, constant."""
-    dt = abs(TIME_S[i] - TIME_S[j])
-    return float(i == j) if tau == 0 else 1.0 if tau == INF else np.exp(-dt / tau)
+WHITE = wj.FrameErrors("body", turn_sigma_rad=(2e-3, 1e-3, 3e-3), shift_sigma_m=(0.1, 0.2, 0.0))
+BIAS = wj.FrameErrors("body", turn_sigma_rad=(2e-3, 1e-3, 3e-3), shift_sigma_m=(0.1, 0.2, 0.0), correlation_s=np.inf)
+SEEN = wj.Observations(
+    wj.Shot(time_s=TIME_S), POINT_M, PIXEL_PX, np.full((N, 2), 0.7), np.arange(N) < N - 2, COVARIANCE_M2
+)
 
 
-@pytest.mark.parametrize("anew", ["flight", "strip"])
-def test_covariance_is_that_of_the_textbook(anew):
-    """sigma_i sigma_j exp(-|dt| / tau), and nothing where the error was drawn anew."""
-    each = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-    errors = wj.FrameErrors("body", SIGMA[:3].tolist(), (each, 0.2, 0.3), TAU_S, anew=anew)
-    expected = np.zeros((6, 5, 5))
-    for k in range(6):
-        sigma = each if k == 3 else np.full(5, SIGMA[k])
-        for i in range(5):
-            for j in range(5):
-                same = anew == "flight" or STRIP[i] == STRIP[j]
-                expected[k, i, j] = sigma[i] * sigma[j] * kernel(i, j, TAU_S[k]) * same
-    np.testing.assert_allclose(errors.covariance(SHOTS), expected, rtol=1e-14, atol=0)
-    np.testing.assert_allclose(jax.jit(lambda e, s: e.covariance(s))(errors, SHOTS), expected, rtol=1e-14, atol=0)
-
-
-def test_covariance_has_derivatives_by_its_numbers():
-    """By a sigma and a correlation time, against differences."""
-
-    def of(sigma, tau):
-        return wj.FrameErrors("body", (sigma, 0, 0), correlation_s=tau).covariance(SHOTS)[0]
-
-    for k, (step, at) in enumerate(((1e-6, 1e-3), (1e-5, 4.0))):
-        numbers = [1e-3, 4.0]
-        ends = [of(*[n + s * step * at * (i == k) for i, n in enumerate(numbers)]) for s in (1, -1)]
-        expected = (ends[0] - ends[1]) / (2 * step * at)
-        found = jax.jacfwd(of, argnums=k)(*map(jnp.asarray, numbers))
-        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8 * np.abs(expected).max())
-
-
-def test_a_number_zero_is_structural_and_an_array_of_zero_a_value():
-    errors = wj.FrameErrors("body", (0, 0.0, np.array(0.0)), (jnp.zeros(3), 1.0, 0))
-    assert errors.acting == (2, 3, 4)
-    # Values may change without a new compilation; what is structural may not.
-    traces = []
-
-    @jax.jit
-    def of(errors):
-        traces.append(None)
-        return errors.turn_sigma_rad[2] + errors.shift_sigma_m[1]
-
-    of(errors)
-    of(wj.FrameErrors("body", (0, 0, np.array(1e-3)), (jnp.ones(3), 2.0, 0)))
-    assert len(traces) == 1
-
-
-def test_memory_is_known_before_tracing():
-    assert wj.FrameErrors("body", correlation_s=0).memory == ("white",) * 6
-    assert wj.FrameErrors("body", correlation_s=INF).memory == ("constant",) * 6
-    assert wj.FrameErrors("body", correlation_s=[0, 1, 2, INF, 0, 3]).memory == (
-        *("white", "fading", "fading", "constant", "white", "fading"),
+def moved(motion):
+    """The pixels of a recorded pose that is followed by a small motion (turn about, shift along the body's axes), from a chain
+    with that motion in it."""
+    turn, shift = motion
+    found = wj.Sensor(
+        {"body": sensor().links[0], "error": wj.Mount(lever_arm_m=shift, angles_rad=turn), "mount": sensor().links[1]},
+        wj.LineCamera(1000.0),
     )
+    found = wj.assign(found, UNKNOWNS, wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=[WHITE]).value)
+    return np.asarray(wj.project(found, SEEN.shot, POINT_M, throw=False).pixel_px)
 
 
-REFUSED = {
-    "two axes": ({"turn_sigma_rad": (1e-3, 1e-3)}, "about or along each of three axes"),
-    "degrees": ({"turn_sigma_rad": (0.0, 0.0, 8.0)}, "turn_sigma_rad is 8, beyond"),
-    "negative": ({"shift_sigma_m": (0.1, -0.1, 0.0)}, "shift_sigma_m is -0.1; it must be 0 or more"),
-    "no number": ({"shift_sigma_m": (0.1, np.nan, 0.0)}, "shift_sigma_m is nan; it must be 0 or more"),
-    "negative time": ({"correlation_s": -1.0}, "correlation_s is -1; it must be 0 or more"),
-    "no time": ({"correlation_s": np.nan}, "correlation_s is nan"),
-    "three times": ({"correlation_s": (1.0, 1.0, 1.0)}, "correlation_s has 3 entries; one time is expected, or six"),
-    "hardly a time": ({"correlation_s": 1e-200}, "correlation_s of turn x is 1e-200 s: 0 is new at every exposure"),
-    "anew": ({"anew": "day"}, "anew is 'day'; it is one of flight, image, swing, view, strip"),
-    "axes": ({"axes": "ned"}, "axes is 'ned'; it is one of frame, level"),
-}
+@pytest.fixture(scope="module")
+def effects():
+    """The pixel by one sigma of each of the five components, by central differences, (n, 2, 5)."""
+    sigma = np.array([2e-3, 1e-3, 3e-3, 0.1, 0.2])
+    columns = []
+    for k in range(5):
+        step = np.zeros(6)
+        step[k] = 0.1 * sigma[k]
+        up, down = (moved((s * step[:3], s * step[3:])) for s in (1, -1))
+        columns.append((up - down) / 0.2)
+    return np.stack(columns, -1)
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_means_nothing_is_refused(case):
-    given, message = REFUSED[case]
-    with pytest.raises(wj.WhiskjaxError, match=f"FrameErrors: .*{message}"):
-        wj.FrameErrors("body", **given)
+def test_what_is_new_at_every_exposure_weighs(effects):
+    """The same as a measurement whose covariance is larger by what the errors do to the pixel: reckoned densely at the end."""
+    found = wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=[WHITE])
+    control = SEEN.is_control
+    plain = wj.calibrate(sensor(), SEEN, UNKNOWNS)
+    rows, follows = np.asarray(plain._here.rows_px), plain._ready.follows
+    own = 0.49 * np.eye(2) + follows @ COVARIANCE_M2 @ follows.swapaxes(1, 2)
+    weight = np.linalg.inv(own + effects @ effects.swapaxes(1, 2))
+    normal = np.einsum("nik,nij,njl->kl", rows[control], weight[control], rows[control]) + np.diag([1.0, 1, 1, 0])
+    expected = np.sqrt(np.diag(np.linalg.inv(normal))) * SIZE
+    np.testing.assert_allclose(found.estimate.sigma, expected, rtol=0.02)  # the weights are those of the start
+    assert (np.asarray(found.estimate.sigma) > 1.2 * np.asarray(plain.estimate.sigma)).any()
 
 
-def test_a_key_that_shots_do_not_carry_is_named():
-    with pytest.raises(wj.WhiskjaxError, match="the shot has no swing, for which errors of body are drawn anew"):
-        wj.FrameErrors("body", (1e-3, 0, 0), correlation_s=INF, anew="swing").covariance(SHOTS)
-    with pytest.raises(wj.WhiskjaxError, match="the shot has no time_s, by which errors of body are forgotten"):
-        wj.FrameErrors("body", (1e-3, 0, 0), correlation_s=1.0).covariance(wj.Shot(image=np.arange(3)))
+def test_what_exposures_have_in_common_is_considered(effects):
+    """Schmidt (1966) in dense matrices: C + (C J^T W H)(C J^T W H)^T, and the value does not know of it."""
+    found, plain = (wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=e) for e in ([BIAS], []))
+    np.testing.assert_array_equal(found.value, plain.value)
+    control = SEEN.is_control
+    rows, follows = np.asarray(plain._here.rows_px), plain._ready.follows
+    weight = np.linalg.inv(0.49 * np.eye(2) + follows @ COVARIANCE_M2 @ follows.swapaxes(1, 2))[control]
+    normal = np.einsum("nik,nij,njl->kl", rows[control], weight, rows[control]) + np.diag([1.0, 1, 1, 0])
+    formal = np.linalg.inv(normal)
+    bent = formal @ np.einsum("nik,nij,njc->kc", rows[control], weight, effects[control])
+    expected = (formal + bent @ bent.T) * np.outer(SIZE, SIZE)
+    sigma = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found.estimate.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-3)
+    assert (np.asarray(found.estimate.sigma) > 1.2 * np.asarray(plain.estimate.sigma)).any()
+
+
+def test_the_covariance_holds_for_drawn_errors():
+    """Truth from the priors, biases and noise from their statements: errors beside their covariance, over many runs."""
+    shot = SEEN.shot
+
+    def run(key):
+        of_truth, of_bias, of_noise, of_points = jax.random.split(key, 4)
+        truth = np.array([0.0, 0, 0, 1000.0]) + SIZE * np.array([1, 1, 1, 0.3]) * jax.random.normal(of_truth, (4,), float)
+        chain = wj.assign(sensor(), UNKNOWNS, truth)
+        motion = BIAS.draw(of_bias, shot, chain)
+        # The true pose is the recorded one without its error; to first order the pixel follows at the joint.
+        swept = wj.joint_derivatives(chain, shot, tuple(POINT_M.T))
+        off = swept.follows("body", motion)
+        exact = jax.numpy.stack(swept.pixel, -1)
+        pixel = exact - jax.numpy.stack(off, -1) + 0.7 * jax.random.normal(of_noise, (N, 2), float)
+        point = POINT_M + jax.numpy.asarray(np.sqrt([[0.01, 0.01, 0.04]])) * jax.random.normal(of_points, (N, 3), float)
+        seen = dataclasses.replace(SEEN, pixel_px=pixel, point_m=point)
+        found = wj.calibrate(sensor(), seen, UNKNOWNS, errors=[BIAS]).estimate
+        return found.value - truth, found.covariance
+
+    runs = 400
+    error, covariance = jax.jit(jax.vmap(run))(jax.random.split(jax.random.key(3), runs))
+    low, high = wj.nees_band(4, runs)
+    assert low < wj.nees(error, covariance).mean() < high
+
+
+def test_bad_errors_are_named():
+    with pytest.raises(wj.WhiskjaxError, match="no frame"):
+        wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=[wj.FrameErrors("wing", turn_sigma_rad=(1e-3, 0, 0))])
+    with pytest.raises(wj.WhiskjaxError, match="exactly what one before it says"):
+        wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=[WHITE, WHITE])
+    level = wj.FrameErrors("body", shift_sigma_m=(0, 0, 0.1), correlation_s=np.inf, axes="level")
+    with pytest.raises(wj.WhiskjaxError, match="up"):
+        wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=[level])

@@ -105,6 +105,7 @@ class MadeUp:
             self.observations,
             u,
             follows,
+            self.point_px2,
             weight,
             np.diag(self.has_prior.astype(float)),
             self.measured_px,

@@ -11,13 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..algebra.vectors import unstack
 from ..chain.detector import beside_detector
 from ..chain.sensor import Sensor
+from ..earth.surface import AbstractSurface, need_surface
 from ..rules import RESULTS, SensorError, WhiskjaxError, arrays_of, first_failure, need, need_flags, plain, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if, is_successful, message_of
 from .blunders import Blunders, data_snooping
 from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
+from .error_effects import common_columns_px
+from .errors import FrameErrors, need_errors
 from .estimate import Estimate
 from .given import Given, Knowledge, given
 from .linearised import LeastSquares, Linearised, impossible, linearise, prepare, refine, refuse, solve, weighted_rows
@@ -58,6 +62,13 @@ class Considered(NamedTuple):
 
     effect: Float[Any, "n 2 c"]
     moved: Float[Any, "k c"]
+
+    @classmethod
+    def of(
+        cls, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], effect: Float[Any, "n 2 c"]
+    ) -> "Considered":
+        """From what they do to the residuals; `formal`: covariance C of the whitened unknowns without them."""
+        return cls(effect, formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect))
 
     def covariance(self, scale: Float[Any, " k"]) -> Float[Any, "k k"]:
         """What they add to the covariance of the unknowns, in the units of the fields."""
@@ -210,6 +221,8 @@ def calibrate(
     unknowns: Knowledge,
     *,
     consider: Knowledge = (),
+    errors: Sequence[FrameErrors] = (),
+    surface: AbstractSurface | None = None,
     loss: AbstractLoss | None = None,
     blunders: Blunders | None = None,
     reweigh: Reweigh | None = None,
@@ -230,6 +243,9 @@ def calibrate(
       prior of its numbers.
     - `consider`: numbers with a prior that are not estimated, but whose uncertainty counts in the covariance: POS biases at a
       joint, say, that the next flight will not share; or an earlier answer.
+    - `errors`: how recorded frames err. What is new at every exposure weighs; what exposures have in common, a bias or one that
+      wanders, is considered: the estimate does not know of it, the covariance does.
+    - `surface`: what is level, for errors in level axes; the ellipsoid by default.
     - `loss`: `Huber(...)` or `Cauchy(...)`, which lets far observations pull less; None is least squares.
     - `blunders`: `Blunders()` finds gross errors, leaves them out and names them.
     - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too.
@@ -245,6 +261,9 @@ def calibrate(
     need("calibrate", "observations", observations, Observations)
     need_flags("calibrate", throw=throw)
     priors, considered = given("calibrate", "unknowns", unknowns), given("calibrate", "consider", consider)
+    errors = need_errors("calibrate", errors)
+    if surface is not None:
+        need_surface("calibrate", surface)
     for name, value, kind in (("loss", loss, AbstractLoss), ("blunders", blunders, Blunders), ("reweigh", reweigh, Reweigh)):
         if value is not None:
             need("calibrate", name, value, kind)
@@ -256,14 +275,14 @@ def calibrate(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
     admit(sensor, [*priors.unknowns, *considered.unknowns])  # a number is either estimated or considered
-    traced = arrays_of((sensor, observations, priors, considered)) is jnp
+    traced = arrays_of((sensor, observations, priors, considered, errors)) is jnp
     if traced and (blunders is not None or reweigh is not None):
         raise WhiskjaxError("calibrate: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")
     tell(
         f"calibrate: {len(priors.unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time "
         "compiled)"
     )
-    ready = prepare(sensor, observations, priors, loss)
+    ready = prepare(sensor, observations, priors, loss, errors=errors, surface=surface)
     if not traced:
         refuse(ready.unseen, observations)
         tell("calibrate: solved (the first time compiled)")
@@ -278,19 +297,20 @@ def calibrate(
         ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)
     share = _share(here, used | ~control, loss)
     formal, is_determined = _formal(ready, here, share * used.astype(float))
-    answer = _answer(ready, here, used, share, formal, considered, result, is_determined)
+    effect = _effects(ready, here, considered, errors, surface)
+    moved = None if effect is None else Considered.of(here, formal, share * used.astype(float), effect)
     answer = Calibration(
         sensor=ready.problem.unknowns.put(ready.sensor, here.u),
         unknowns=tuple(unknowns),
         start=ready.values(ready.start),
-        estimate=answer[0],
+        estimate=_estimated(ready, here, used, formal, moved, result, is_determined),
         used=used,
         components=found,
         steps=steps,
         _ready=ready,
         _here=here,
         _formal=formal,
-        _considered=answer[1],
+        _considered=moved,
         _share=share,
         _most=0.5 if blunders is None else blunders.most,
     )
@@ -323,17 +343,16 @@ def _formal(ready: LeastSquares, here: Linearised, share: Float[Any, " n"]) -> t
     return jnp.where(determined, inverse @ inverse.T, 0.0), determined
 
 
-def _answer(
+def _estimated(
     ready: LeastSquares,
     here: Linearised,
     used: Bool[Any, " n"],
-    share: Float[Any, " n"],
     formal: Float[Any, "k k"],
-    given: Given,
+    moved: Considered | None,
     result: RESULTS,
     is_determined: Any,
-) -> tuple[Estimate, Considered | None]:
-    """The estimate, and what considered numbers do to it."""
+) -> Estimate:
+    """The answer at a solution."""
     math, scale, pulled = arrays_of((here.rows, formal)), ready.scale, ready.prior @ here.u
     kept = used if ready.problem.loss is None else used & (here.squared <= _BLUNDER**2)
     result = first_failure(
@@ -345,9 +364,6 @@ def _answer(
     variance = formal.diagonal()
     share_left = math.where(math.asarray(ready.has_prior), variance, math.nan)
     lost = ~(variance > 0)
-    moved = None
-    if given.unknowns:
-        moved = _considered(ready, here, formal, share * used.astype(float), given)
     covariance = formal * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
     covariance = math.where(lost[:, None] | lost[None, :], math.where(math.eye(len(scale)) > 0, math.inf, math.nan), covariance)
     return Estimate(
@@ -359,7 +375,7 @@ def _answer(
         result=result,
         names=ready.problem.unknowns.names,
         places=ready.problem.unknowns.places,
-    ), moved
+    )
 
 
 def _worst(codes: Any) -> RESULTS:
@@ -422,21 +438,30 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _considered(
-    ready: LeastSquares, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], numbers: Given
-) -> Considered:
-    """What numbers that were not estimated do, one sigma of each, at the solution.
+def _effects(
+    ready: LeastSquares, here: Linearised, numbers: Given, errors: Sequence[FrameErrors], surface: AbstractSurface | None
+) -> Float[Any, "n 2 c"] | None:
+    """What is considered does to every whitened residual at the solution, a column for one sigma of each; None for nothing.
 
-    **Arguments:** `formal`: covariance C of the whitened unknowns without them.
+    Numbers of the sensor with their joint prior, and what exposures have in common of the errors of recorded frames.
     """
     for x in numbers.unknowns:
         if x.sigma is None:
             raise WhiskjaxError(f"consider: {x.name} has no prior sigma; its uncertainty is what would be considered")
     solved = ready.problem.unknowns.put(ready.sensor, here.u)
-    changed = prepare(solved, ready.observations, numbers, None).weighted(ready.weight)
-    root = arrays_of(numbers.correlation).linalg.cholesky(numbers.correlation)
-    effect = linearise(changed, changed.start).rows @ root
-    return Considered(effect, formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect))
+    effects = []
+    if numbers.unknowns:
+        changed = prepare(solved, ready.observations, numbers, None).weighted(ready.weight)
+        root = arrays_of(numbers.correlation).linalg.cholesky(numbers.correlation)
+        effects.append(linearise(changed, changed.start).rows @ root)
+    if any(not one.is_white for one in errors):
+        seen = ready.observations
+        common, _ = common_columns_px(errors, solved, seen.shot, unstack(seen.point_m), surface)
+        common, (w00, w10, w11) = plain(common), ready.weight.T
+        x, y = -common[:, 0], -common[:, 1]  # of the residual: measured less projected from the pose as it was recorded
+        whitened = w00[:, None] * x, w10[:, None] * x + w11[:, None] * y
+        effects.append(arrays_of(whitened).stack(whitened, axis=1))
+    return arrays_of(effects).concatenate(effects, axis=2) if effects else None
 
 
 def _raise(answer: Calibration) -> None:

@@ -6,6 +6,7 @@ question compiles nothing. While tracing, the same steps are traced.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,15 +15,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..algebra.vectors import Vec2
+from ..algebra.vectors import Vec2, unstack
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
 from ..chain.parameters import once
 from ..chain.sensor import Sensor
+from ..earth.surface import AbstractSurface
 from ..rules import RESULTS, SensorError, arrays_of, first_failure, plain
 from ..rules.results import message_of
 from .columns import columns
+from .error_effects import white_covariance_px2
+from .errors import FrameErrors
 from .given import Knowledge
 from .losses import AbstractLoss
 from .observations import Observations
@@ -37,6 +41,7 @@ class LeastSquares(eqx.Module):
 
     `sensor` has room for the unknowns; `problem` is baked and carries the weights of all observations, check points too. `weight`
     (n, 3) is the lower triangle that whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point,
+    `fixed_px2` the part of each measurement's covariance that comes from the point's coordinates and errors of recorded poses,
     `prior` (k, k) the root of the priors' information: their whitened residuals are prior @ u, zero rows without a prior.
     """
 
@@ -46,6 +51,7 @@ class LeastSquares(eqx.Module):
     observations: Observations
     start: Float[np.ndarray, " k"]
     follows: Float[np.ndarray, "n 2 3"]
+    fixed_px2: Float[np.ndarray, "n 2 2"]
     weight: Float[np.ndarray, "n 3"]
     prior: Float[np.ndarray, "k k"]
     before_px: Float[np.ndarray, "n 2"]
@@ -84,7 +90,7 @@ class LeastSquares(eqx.Module):
     def reweighed(self, observed: Float[np.ndarray, "n 2"], prior: Float[np.ndarray, " k"]) -> "LeastSquares":
         """The same with factors on the sigmas of the measurements and of the priors."""
         observations = dataclasses.replace(self.observations, sigma_px=self.observations.sigma_px * observed)
-        weight = whitening(observations.sigma_px, self.follows, observations.point_covariance_m2)
+        weight = whitening(observations.sigma_px, self.fixed_px2)
         return dataclasses.replace(self.weighted(weight, self.prior / prior), observations=observations)
 
 
@@ -119,6 +125,8 @@ def prepare(
     loss: AbstractLoss | None,
     split: bool = False,
     layout: Layout | None = None,
+    errors: Sequence[FrameErrors] = (),
+    surface: AbstractSurface | None = None,
 ) -> LeastSquares:
     """Pose, bake and weigh a problem; the sigmas of the points are carried into the image at the start values.
 
@@ -132,10 +140,15 @@ def prepare(
     before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
     unseen = arrays_of(linked).where(linked != 0, linked, unseen)
-    weight = whitening(observations.sigma_px, follows, observations.point_covariance_m2)
+    fixed = np.zeros((n, 2, 2))
+    if observations.point_covariance_m2 is not None:
+        fixed = fixed + point_part(follows, observations.point_covariance_m2)
+    if errors:
+        fixed = fixed + plain(white_covariance_px2(errors, sensor, observations.shot, unstack(observations.point_m), surface))
+    weight = whitening(observations.sigma_px, fixed)
     prior = plain(problem.unknowns.root)
     weighed = weigh(baked, weight, indices)
-    return LeastSquares(problem.sensor, weighed, indices, observations, start, follows, weight, prior, before, unseen)
+    return LeastSquares(problem.sensor, weighed, indices, observations, start, follows, fixed, weight, prior, before, unseen)
 
 
 def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[Any, Any, RESULTS]:
@@ -216,18 +229,15 @@ def impossible(codes: Int[np.ndarray, " n"], observations: Observations) -> str:
     return f"{observations.label(i)}: {message_of(int(codes[i]))}{more}"
 
 
-def whitening(
-    sigma_px: Float[np.ndarray, "n 2"], follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndarray, "n 3 3"] | None
-) -> Float[np.ndarray, "n 3"]:
+def whitening(sigma_px: Float[np.ndarray, "n 2"], fixed_px2: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 3"]:
     """Lower triangle (w00, w10, w11) of the inverse Cholesky factor of each observation's covariance.
 
-    **Arguments:** `follows`: derivative of the pixel by the ground point, which carries the point's covariance into the image.
+    **Arguments:** `fixed_px2`: what comes to the measurement's own: the point's coordinates, carried into the image, say.
     """
-    math = arrays_of((sigma_px, follows, covariance_m2))
-    extra = np.zeros((len(sigma_px), 2, 2)) if covariance_m2 is None else point_part(follows, covariance_m2)
-    c00, c11 = sigma_px[:, 0] ** 2 + extra[:, 0, 0], sigma_px[:, 1] ** 2 + extra[:, 1, 1]
+    math = arrays_of((sigma_px, fixed_px2))
+    c00, c11 = sigma_px[:, 0] ** 2 + fixed_px2[:, 0, 0], sigma_px[:, 1] ** 2 + fixed_px2[:, 1, 1]
     l00 = math.sqrt(c00)
-    l10 = extra[:, 0, 1] / l00
+    l10 = fixed_px2[:, 0, 1] / l00
     l11 = math.sqrt(c11 - l10**2)
     return math.stack([1 / l00, -l10 / (l00 * l11), 1 / l11], axis=-1)
 

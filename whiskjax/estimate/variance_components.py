@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..rules import Arrays, WhiskjaxError, need_flags
-from .linearised import LeastSquares, Linearised, point_part
+from .linearised import LeastSquares, Linearised
 from .observations import Observations
 from .unknown import Unknown
 
@@ -137,7 +137,7 @@ class _Data(NamedTuple):
     residual: Float[Array, "n 2"]
     rows: Float[Array, "n 2 k"]
     sigma: Float[Array, "n 2"]
-    point: Float[Array, "n 2 2"]
+    fixed: Float[Array, "n 2 2"]
     observed: Int[Array, "n 2"]
     used: Float[Array, " n"]
     prior: Int[Array, " k"]
@@ -149,7 +149,7 @@ def _minus_log_likelihood(theta: Float[Array, " groups"], data: _Data) -> Float[
     """-log p(residuals | log factors) with the unknowns integrated out, plus the hyperprior; constants left out."""
     factor = jnp.append(jnp.exp(theta), 1.0)  # index -1: no group
     sigma = data.sigma * factor[data.observed]
-    c00, c01, c11 = sigma[:, 0] ** 2 + data.point[:, 0, 0], data.point[:, 0, 1], sigma[:, 1] ** 2 + data.point[:, 1, 1]
+    c00, c01, c11 = sigma[:, 0] ** 2 + data.fixed[:, 0, 0], data.fixed[:, 0, 1], sigma[:, 1] ** 2 + data.fixed[:, 1, 1]
     determinant = c00 * c11 - c01**2
     w = data.used / determinant
     inverse = jnp.stack([jnp.stack([w * c11, -w * c01], -1), jnp.stack([-w * c01, w * c00], -1)], -2)
@@ -182,13 +182,11 @@ def components(
     The problem is taken as linear about `here`; repeat at the solution with the new weights where they moved it far.
     """
     observations = ready.observations
-    n = len(observations)
-    covariance = observations.point_covariance_m2
     data = _Data(
         residual=jnp.asarray(here.residual_px - here.rows_px @ here.u),
         rows=jnp.asarray(here.rows_px),
         sigma=jnp.asarray(observations.sigma_px),
-        point=jnp.asarray(np.zeros((n, 2, 2)) if covariance is None else point_part(ready.follows, covariance)),
+        fixed=jnp.asarray(ready.fixed_px2),
         observed=jnp.asarray(grouping.observed),
         used=jnp.asarray(used.astype(float)),
         prior=jnp.asarray(grouping.prior),

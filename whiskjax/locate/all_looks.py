@@ -5,8 +5,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..algebra.implicit import stationary
 from ..algebra.vectors import mul
 from .filter import Belief
 from .model import Expected, Model
@@ -52,31 +54,39 @@ class Solved(NamedTuple):
 def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, gate_nis: float | None) -> Solved:
     """Least squares of all looks and the prior.
 
-    What is considered keeps its prior mean; its covariance is carried into that of the rest (Schmidt 1966).
+    What is considered keeps its prior mean; its covariance is carried into that of the rest (Schmidt 1966). The iteration is not
+    differentiated: the state is where J^T W r + P0^-1 (mean - x) vanishes, with the weights W of that state, and that equation
+    implies how it follows everything else. Which looks pass the gate is held.
 
     **Arguments:** `prior`: at the first look; `start`: where to linearise first, a state of the last look.
     """
     mean, spread = at_last(model, prior)
     information = jnp.linalg.inv(spread)
     estimated = jnp.asarray(model.share, dtype=float)
+    held, mean_held, information_held = jax.lax.stop_gradient((model, mean, information))
 
     def iterate(state: Array, used: Array) -> tuple[Array, Array]:
         def once(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
             state, _ = carry
-            found = equations(model, information, state, used)
-            right = _weighed(found.rows, found.weight, found.residual) + information @ (mean - state)
-            step = found.formal @ right
+            found = equations(held, information_held, state, used)
+            step = found.formal @ _slope(found, state, mean_held, information_held)
             sigma = jnp.sqrt(jnp.diag(found.formal))
             return state + step, jnp.abs(step / jnp.where(sigma > 0, sigma, 1.0)).max()
 
         return jax.lax.fori_loop(0, steps, once, (state, jnp.zeros(())))
 
     used = jnp.ones(model.pixel_px[0].shape, dtype=bool)
-    state, step = iterate(start, used)
+    state, step = iterate(jax.lax.stop_gradient(start), used)
     for limit in () if gate_nis is None else (wider * gate_nis for wider in _GATES):
-        found = equations(model, information, state, used)
-        used = _nis(found, _residual_covariance(found, spread, estimated, used)) <= limit
+        found = equations(held, information_held, state, used)
+        used = _nis(found, _residual_covariance(found, jax.lax.stop_gradient(spread), estimated, used)) <= limit
         state, step = iterate(state, used)
+
+    def vanishes(state: Array, model: Model, mean: Array, information: Array, start: Array, used: Array) -> Array:
+        slope = _slope(equations(model, information, state, used), state, mean, information)
+        return jnp.where(np.array(model.share) > 0, slope, start - state)
+
+    state = stationary(vanishes, state, model, mean, information, start, used)
     found = equations(model, information, state, used)
     effect = considered(found, estimated)
     residual_covariance = _residual_covariance(found, spread, estimated, used)
@@ -92,6 +102,11 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
         cost,
         step,
     )
+
+
+def _slope(found: Equations, state: Array, mean: Array, information: Array) -> Float[Array, " n"]:
+    """Minus half the slope of the cost, weights held."""
+    return _weighed(found.rows, found.weight, found.residual) + information @ (mean - state)
 
 
 def at_last(model: Model, prior: Belief) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
