@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from tests.estimate.test_pure import COVARIANCE_M2, N, PIXEL_PX, POINT_M, SIZE, TIME_S, UNKNOWNS, sensor
+from tests.estimate.test_pure import COVARIANCE_M2, PIXEL_PX, POINT_M, SIZE, TIME_S, UNKNOWNS, N, sensor
 
 WHITE = wj.FrameErrors("body", turn_sigma_rad=(2e-3, 1e-3, 3e-3), shift_sigma_m=(0.1, 0.2, 0.0))
 BIAS = wj.FrameErrors("body", turn_sigma_rad=(2e-3, 1e-3, 3e-3), shift_sigma_m=(0.1, 0.2, 0.0), correlation_s=np.inf)
-SEEN = wj.Observations(
-    wj.Shot(time_s=TIME_S), POINT_M, PIXEL_PX, np.full((N, 2), 0.7), np.arange(N) < N - 2, COVARIANCE_M2
-)
+SEEN = wj.Observations(wj.Shot(time_s=TIME_S), POINT_M, PIXEL_PX, np.full((N, 2), 0.7), np.arange(N) < N - 2, COVARIANCE_M2)
 
 
 def moved(motion):

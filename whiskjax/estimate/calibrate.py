@@ -15,7 +15,7 @@ from ..algebra.vectors import unstack
 from ..chain.detector import beside_detector
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, need_surface
-from ..rules import RESULTS, SensorError, WhiskjaxError, arrays_of, first_failure, need, need_flags, plain, require_x64
+from ..rules import RESULTS, SensorError, WhiskjaxError, arrays_of, first_failure, is_traced, need, need_flags, plain, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if, is_successful, message_of
 from .blunders import Blunders, data_snooping
@@ -268,7 +268,7 @@ def calibrate(
         if value is not None:
             need("calibrate", name, value, kind)
     control = observations.is_control
-    if not control.any():
+    if not is_traced(control) and not control.any():
         raise WhiskjaxError("calibrate: all points are check points; at least one control point is needed")
     if loss is not None and (blunders is not None or reweigh is not None):
         raise WhiskjaxError(
@@ -278,10 +278,11 @@ def calibrate(
     traced = arrays_of((sensor, observations, priors, considered, errors)) is jnp
     if traced and (blunders is not None or reweigh is not None):
         raise WhiskjaxError("calibrate: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")
-    tell(
-        f"calibrate: {len(priors.unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first time "
-        "compiled)"
-    )
+    if not traced:
+        tell(
+            f"calibrate: {len(priors.unknowns)} unknowns from {int(control.sum())} control observations, prepared (the first "
+            "time compiled)"
+        )
     ready = prepare(sensor, observations, priors, loss, errors=errors, surface=surface)
     if not traced:
         refuse(ready.unseen, observations)

@@ -19,7 +19,7 @@ class Observations(eqx.Module):
     """Image measurements of points with known coordinates; residual = measured - projected, in pixels.
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
-    one line is `px_per_line` of them. Numbers may be traced; which observations are control is not.
+    one line is `px_per_line` of them. Numbers may be traced.
 
     **Arguments** (n observations):
 
