@@ -64,6 +64,7 @@ from .estimate.consistency import nees as nees
 from .estimate.consistency import nees_band as nees_band
 from .estimate.errors import FrameErrors as FrameErrors
 from .estimate.errors import draw_errors as draw_errors
+from .estimate.estimate import Estimate as Estimate
 from .estimate.intersection import intersect as intersect
 from .estimate.losses import AbstractLoss as AbstractLoss
 from .estimate.losses import Cauchy as Cauchy
@@ -173,6 +174,7 @@ __all__ = [
     "Cauchy",
     "Huber",
     "draw_errors",
+    "Estimate",
     "FrameErrors",
     "motion_unknowns",
     "Observations",

@@ -258,7 +258,9 @@ TAKES = {
     "direct_positioning": Takes({"sensor": SENSOR, "block": BLOCK}, {}, others="sensor block ties"),
     "two_step": Takes({}, {}, others="sensor block unknowns errors mounts tolerance retime max_rounds"),
     "Blunders": Takes({}, {"level": TWO, "most": TWO}),
-    "calibrate": Takes({}, {}, others="sensor observations unknowns consider loss blunders reweigh max_steps throw"),
+    "calibrate": Takes(
+        {}, {}, others="sensor observations unknowns consider errors surface loss blunders reweigh max_steps throw"
+    ),
     "nees": Takes(
         {"error": np.ones((2, 3)), "covariance": np.tile(np.eye(3), (2, 1, 1))}, {"error": THREE, "covariance": np.eye(3)}
     ),
@@ -285,7 +287,7 @@ TAKES = {
             "point_covariance_m2": np.eye(3),
         },
         "point_m",
-        "shot images points",
+        "shot images points labels",
     ),
     "Observations.take": Takes({"self": OBSERVATIONS, "keep": [0]}, {"keep": np.ones(4, dtype=bool)}),
     "compare": Takes({"models": {}}, {}, others="models"),
@@ -340,7 +342,7 @@ PARTS = {
 }
 # Answers, which only whiskjax makes; what is to be inherited from; and helpers that take results, not numbers.
 NOT_CALLED = {
-    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location"),
+    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location", "Estimate"),
     *(name for name in wj.__all__ if name.startswith("Abstract")),
     *("RESULTS", "FlightError", "SensorError", "WhiskjaxError", "first_failure", "failure_if", "telling"),
 }
