@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import whiskjax as wj
-from whiskjax.estimate.many import Lanes, solve_lanes
+from whiskjax.estimate.lanes import Lanes, solve_lanes
 from whiskjax.estimate.problem import Problem, pose_problem, weigh
 from whiskjax.flights import haian
 

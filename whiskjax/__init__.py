@@ -58,8 +58,8 @@ from .estimate.block.direct import direct_positioning as direct_positioning
 from .estimate.block.two_step import TwoStep as TwoStep
 from .estimate.block.two_step import two_step as two_step
 from .estimate.blunders import Blunders as Blunders
-from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import calibrate as calibrate
+from .estimate.calibration import Calibration as Calibration
 from .estimate.consistency import nees as nees
 from .estimate.consistency import nees_band as nees_band
 from .estimate.errors import FrameErrors as FrameErrors

@@ -9,7 +9,7 @@ import pytest
 from benchmarks import batch, peers
 from benchmarks.peers.scipy_calibration import ScipyCalibration
 from whiskjax.estimate.columns import columns
-from whiskjax.estimate.many import solve_lanes
+from whiskjax.estimate.lanes import solve_lanes
 
 LANES = 3
 

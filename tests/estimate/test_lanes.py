@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 from whiskjax.estimate import many
-from whiskjax.estimate.many import solve_lanes
+from whiskjax.estimate.lanes import solve_lanes
 from whiskjax.estimate.problem import pose_problem, weigh
 from whiskjax.flights import haian
 from whiskjax.rules.results import codes_of, message_of

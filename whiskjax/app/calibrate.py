@@ -13,7 +13,7 @@ from .output import refuse_place, result_folder, write_report
 from .start import start_jax
 
 if TYPE_CHECKING:
-    from ..estimate.calibrate import Calibration
+    from ..estimate.calibration import Calibration
     from ..flights.flight import Flight
     from ..show.plain import Summary
     from ..show.style import Drawing

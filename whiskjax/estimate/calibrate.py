@@ -2,217 +2,35 @@
 
 import dataclasses
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..algebra.vectors import unstack
-from ..chain.detector import beside_detector
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface, need_surface
 from ..rules import RESULTS, SensorError, WhiskjaxError, arrays_of, first_failure, is_traced, need, need_flags, plain, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if, is_successful, message_of
 from .blunders import Blunders, data_snooping
-from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
+from .calibration import BLUNDER, Calibration, Considered
 from .error_effects import common_columns_px
 from .errors import FrameErrors, need_errors
 from .estimate import Estimate
 from .given import Given, Knowledge, given
-from .linearised import LeastSquares, Linearised, impossible, linearise, prepare, refine, refuse, solve, weighted_rows
+from .linearised import LeastSquares, Linearised, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
 from .observations import Observations
-from .posterior import RANK_TOLERANCE, Posterior, posterior
-from .reliability import Reliability, log_density, of_common_points, reliability
+from .posterior import RANK_TOLERANCE, posterior
 from .solution import NEAR, POLISH
 from .unknown import Unknown, admit
 from .variance_components import Components, Reweigh, components, group, weighing
-from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
-# Under a robust loss, a residual of more sigmas than this is a blunder and does not count in the model test (chance: 3e-4).
-_BLUNDER = 4.0
 # Rounds of new weights and new blunders, until no factor changes by this.
 _ROUNDS, _SAME_FACTOR = 10, 1e-3
-
-
-class Fit(NamedTuple):
-    """How well the model meets the observations: chi-square over degrees of freedom, its tail probability, the verdict.
-
-    Blunders are left out; where they are, the verdict asks that most observations are none. `check` is what the check points say.
-    """
-
-    variance_factor: float
-    tail_probability: float
-    is_consistent: bool
-    degrees_of_freedom: int
-    check: CheckTest = UNTESTED
-
-
-class Considered(NamedTuple):
-    """What c numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
-
-    A change of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them; `moved` is that without
-    its sign, so that its square widens the covariance.
-    """
-
-    effect: Float[Any, "n 2 c"]
-    moved: Float[Any, "k c"]
-
-    @classmethod
-    def of(
-        cls, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], effect: Float[Any, "n 2 c"]
-    ) -> "Considered":
-        """From what they do to the residuals; `formal`: covariance C of the whitened unknowns without them."""
-        return cls(effect, formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect))
-
-    def covariance(self, scale: Float[Any, " k"]) -> Float[Any, "k k"]:
-        """What they add to the covariance of the unknowns, in the units of the fields."""
-        by = self.moved * scale[:, None]
-        return by @ by.T
-
-
-class Calibration(eqx.Module):
-    """A calibrated sensor, and what says how far to trust it.
-
-    Values and sigmas are in the unit of the fields (m, rad, s, px); `Unknown.unit` shows them to people. Residuals are measured -
-    projected in pixels, (n, 2) as (sample or column, line offset or row), for control and check points alike. Where weights were
-    estimated, `unknowns` and `observations` carry the new sigmas, and `components` the factors; else it is None.
-
-    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
-    one line is `px_per_line` of them.
-
-    `robust_weight` is 1 for a good observation, less under a robust loss, 0 for a blunder that was left out.
-    `used` are the observations that decided: control points that are no blunders.
-
-    Under jit, vmap and derivatives `sensor`, `estimate`, `residual_after_px` and `result` are traced; what is told to people
-    (`posterior`, `fit`, `reliability`, `warnings`) is worked out when somebody looks at it, outside.
-    """
-
-    sensor: Sensor
-    unknowns: tuple[Unknown, ...]
-    start: Float[Any, " k"]
-    estimate: Estimate
-    used: Bool[Any, " n"]
-    components: Components | None
-    steps: Any
-    _ready: LeastSquares
-    _here: Linearised
-    _formal: Float[Any, "k k"]
-    _considered: Considered | None
-    _share: Float[Any, " n"]
-    _most: float = eqx.field(static=True)
-
-    @property
-    def value(self) -> Float[Any, " k"]:
-        """Of the unknowns."""
-        return self.estimate.value
-
-    @property
-    def result(self) -> RESULTS:
-        """How the solution ended."""
-        return self.estimate.result
-
-    @property
-    def observations(self) -> Observations:
-        """With the sigmas that were weighed by."""
-        return self._ready.observations
-
-    @property
-    def residual_before_px(self) -> Float[Any, "n 2"]:
-        """Measured less projected where the unknowns start."""
-        return self._ready.before_px
-
-    @property
-    def residual_after_px(self) -> Float[Any, "n 2"]:
-        """Measured less projected at the solution."""
-        return self._here.residual_px
-
-    @property
-    def robust_weight(self) -> Float[Any, " n"]:
-        """How much each observation pulls; 1 for check points."""
-        return self._share
-
-    @cached_property
-    def _told(self) -> "Calibration":
-        """The same in numpy, from which people are told."""
-        return jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
-
-    @cached_property
-    def posterior(self) -> Posterior:
-        """What the data said: covariance, share that is not prior, rank, null space."""
-        at = self._told
-        pull = np.sqrt(at._share[at.used])[:, None, None]
-        rows = (pull * at._here.rows[at.used]).reshape(-1, len(at.unknowns))
-        found = posterior(rows, at._ready.scale, at._ready.prior, at.estimate.names)
-        return found if at._considered is None else found.widened(at._considered.covariance(at._ready.scale))
-
-    @cached_property
-    def fit(self) -> Fit:
-        """How well the model meets the observations, and what the check points say."""
-        at = self._told
-        control = at.observations.is_control
-        kept = at.used if at._ready.problem.loss is None else at.used & (at._here.squared <= _BLUNDER**2)
-        factor, tail, sound = consistency(float(at.estimate.cost), freedom := int(at.estimate.freedom))
-        sound = sound and bool(kept.sum() > (1 - self._most) * control.sum())
-        check = _checked(at._ready, at._here, at._common, ~control) if self.posterior.is_determined else UNTESTED
-        return Fit(factor, tail, sound, freedom, check)
-
-    @property
-    def _common(self) -> Float[np.ndarray, "n 2 m"]:
-        """How the errors of the answer, columns of variance 1, move every whitened residual."""
-        common = self._here.rows @ _root(self._formal)
-        if self._considered is None:
-            return common
-        effect, moved = self._considered
-        return np.concatenate([common, effect - self._here.rows @ moved], axis=2)
-
-    @cached_property
-    def reliability(self) -> Reliability:
-        """How well the observations control one another."""
-        at = self._told
-        return reliability(at._ready, at._here, at._formal, at.used)
-
-    @property
-    def check_log_density(self) -> float:
-        """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
-        looking; NaN without check points."""
-        at = self._told
-        return log_density(at._ready, at._here, at._formal, ~at.observations.is_control)
-
-    @property
-    def is_sound(self) -> bool:
-        """Converged, every unknown determined (by data or prior), consistent with its own sigmas and with the check points, and
-        no sigma stretched beyond reason (verdict.py)."""
-        solved = bool(is_successful(self.result)) and self.posterior.is_determined
-        return solved and self.fit.is_consistent and self.fit.check.agrees and not stretched(self.components)
-
-    @cached_property
-    def warnings(self) -> tuple[str, ...]:
-        """What a careful person would say, the most serious first."""
-        at = self._told
-        here, observations = at._here, at.observations
-        lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
-        shift = np.where(at._ready.has_prior, here.u, np.nan)
-        return (
-            *lost,
-            *contradictions(self.fit.check, self.components),
-            *beside_detector(self.sensor, observations.shot, observations.pixel_px, at.used, observations.label),
-            *repeated(observations, at.used),
-            *lopsided(observations, at.used),
-            *kinked(self.sensor, self.unknowns),
-            *warnings_of(self.unknowns, self.posterior, self.fit.variance_factor, self.fit.tail_probability, shift),
-        )
-
-    @property
-    def blunders(self) -> tuple[str, ...]:
-        """Control observations that were left out, by name."""
-        wrong = self._told.observations.is_control & ~self._told.used
-        return tuple(self.observations.label(int(i)) for i in np.flatnonzero(wrong))
 
 
 def calibrate(
@@ -355,7 +173,7 @@ def _estimated(
 ) -> Estimate:
     """The answer at a solution."""
     math, scale, pulled = arrays_of((here.rows, formal)), ready.scale, ready.prior @ here.u
-    kept = used if ready.problem.loss is None else used & (here.squared <= _BLUNDER**2)
+    kept = used if ready.problem.loss is None else used & (here.squared <= BLUNDER**2)
     result = first_failure(
         failure_if(~math.asarray(is_determined), RESULTS.rank_deficient),  # also the cause where the iteration did not end
         result,
@@ -413,30 +231,6 @@ def _cleanse(
             break
     sigma = [None if x.sigma is None else x.sigma * float(factor) for x, factor in zip(unknowns, prior, strict=True)]
     return ready, here, used, tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True)), found
-
-
-def _checked(
-    ready: LeastSquares, here: Linearised, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]
-) -> CheckTest:
-    """The check points beside their prediction.
-
-    **Arguments:** `common`: how the errors of the answer (columns of variance 1) move every whitened residual.
-    """
-    if not which.any():
-        return UNTESTED
-    index = np.flatnonzero(which)
-    difference, spread = here.whitened[index], common[index]
-    covariance = np.eye(2) + spread @ spread.swapaxes(1, 2)
-    own = np.einsum("ni,ni->n", difference, np.linalg.solve(covariance, difference[:, :, None])[..., 0])
-    difference, spread = of_common_points(ready, index, difference, spread)
-    together = joint_chi_square(difference.ravel(), spread.reshape(2 * len(index), -1))
-    return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])))
-
-
-def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
-    """L with L L^T = covariance, which may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _effects(

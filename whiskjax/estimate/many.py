@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..algebra.vectors import Vec2, stack
+from ..algebra.vectors import stack
 from ..chain.extremes import MOST, refuse_extremes
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS
@@ -27,26 +27,13 @@ from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, 
 from ..rules.progress import tell
 from ..rules.results import codes_of
 from .given import Given, Knowledge, given, posed
-from .least_squares import descend, judge
+from .lanes import Lanes, solve_lane
 from .linearised import LeastSquares, impossible, pixels, prepare, refuse
 from .observations import Observations
 from .problem import Layout, Problem, by_observation
 from .unknown import Unknown
 
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
-
-
-class Lanes(eqx.Module):
-    """Solved lanes, whitened.
-
-    `cost` is the sum of squared whitened residuals and priors, `residual_px` (x, y) of each group, (lanes, n) each.
-    """
-
-    u: Float[Array, "lanes k"]
-    covariance: Float[Array, "lanes k k"]
-    cost: Float[Array, " lanes"]
-    residual_px: tuple[Vec2, ...]
-    result: RESULTS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,41 +63,6 @@ class Batch:
         return codes_of(self.result) == 0
 
 
-def solve_lanes(
-    problem: Problem, start: Float[Array, "*lanes k"], steps: int = 6, chunk: int = 10, common: Problem | None = None
-) -> Lanes:
-    """Solve many baked problems of one shape; pure, to be compiled by the caller.
-
-    **Arguments:**
-
-    - `problem`: every array has a leading axis of lanes.
-    - `start`: whitened; (lanes, k), or (k,) for all.
-    - `steps`: of Gauss-Newton.
-    - `chunk`: lanes that are computed side by side; 10 to 50 run alike.
-    - `common`: arrays that all lanes share, where `problem` has None.
-    """
-    arrays, static = eqx.partition(problem if start.ndim == 1 else (problem, start), eqx.is_array)
-
-    def lane(arrays) -> Lanes:
-        one = eqx.combine(arrays, static)
-        own, first = (one, start) if start.ndim == 1 else one
-        return _solve(own if common is None else eqx.combine(own, common), first, steps)
-
-    return jax.lax.map(lane, arrays, batch_size=chunk)
-
-
-def _solve(problem: Problem, start: Any, steps: int) -> Lanes:
-    m = start.shape[0]
-    here = descend(problem, start, steps)
-    u, step, normal = here
-    inverse = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(normal[:m, :m]), jnp.eye(m), lower=True)
-    after, codes = zip(*(pixels(problem, group, u) for group in problem.groups), strict=True)
-    worst = jnp.stack([code.max() for code in codes]).max()
-    result = first_failure(judge(here), jax.tree.map(lambda _: worst, RESULTS.successful))
-    # The last step went to the minimum of the quadratic whose value at its start is the corner of the normal matrix.
-    return Lanes(u, inverse.T @ inverse, normal[m, m] + normal[:m, m] @ step, after, result)
-
-
 class _Solved(NamedTuple):
     """Lanes in the units of the fields, by observation; `unseen` is the worst code of any observation where the lane starts."""
 
@@ -137,7 +89,7 @@ def _solve_runs(own: Any, common: Any, priors: Given, layout: Layout, steps: int
     def lane(own: Any) -> _Solved:
         sensor, observations = eqx.combine(own, common)
         ready = prepare(sensor, observations, priors, None, layout=layout)
-        return _answered(ready, _solve(ready.problem, ready.start, steps))
+        return _answered(ready, solve_lane(ready.problem, ready.start, steps))
 
     return jax.lax.map(lane, own, batch_size=chunk)
 
@@ -156,7 +108,7 @@ def _solve_redrawn(
 
     def lane(pixel: Array) -> _Solved:
         drawn = ready.drawn_anew(pixel)
-        return _answered(drawn, _solve(drawn.problem, drawn.start, steps))
+        return _answered(drawn, solve_lane(drawn.problem, drawn.start, steps))
 
     return jax.lax.map(lane, pixel_px, batch_size=chunk)
 
@@ -201,6 +153,8 @@ def calibrate_batch(
             # Numbers that all runs share are not copied for each, and let XLA see that a condition on them is common.
             rows = list(zip(*columns, strict=True))
             varying |= {i for i, row in enumerate(rows) if any(leaf is not row[0] for leaf in row)}
+            if not varying:  # runs that are one and the same are lanes all the same
+                varying.add(next(i for i, row in enumerate(rows) if isinstance(row[0], jax.Array | np.ndarray)))
             # A shorter share is filled up, so that nothing is compiled for its length.
             fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(share) - 1)
             stacked = [np.stack([np.asarray(leaf) for leaf in row])[fill] if i in varying else None for i, row in enumerate(rows)]

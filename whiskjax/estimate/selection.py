@@ -8,7 +8,7 @@ import numpy as np
 
 from ..chain.shot import KEYS
 from ..rules import WhiskjaxError, need
-from .calibrate import Calibration
+from .calibration import Calibration
 from .diagnosis import chi_square_tail
 
 

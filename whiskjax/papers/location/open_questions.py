@@ -16,7 +16,8 @@ from ...chain.shot import Shot
 from ...earth.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from ...earth.refraction import Refraction
 from ...earth.surface import HeightSurface
-from ...estimate.calibrate import Calibration, calibrate
+from ...estimate.calibrate import calibrate
+from ...estimate.calibration import Calibration
 from ...estimate.consistency import nees
 from ...estimate.many import calibrate_redrawn
 from ...estimate.observations import Observations

@@ -19,7 +19,8 @@ from ...chain.imaging import project
 from ...chain.process import Process
 from ...chain.sensor import Sensor
 from ...estimate.blunders import Blunders
-from ...estimate.calibrate import Calibration, calibrate
+from ...estimate.calibrate import calibrate
+from ...estimate.calibration import Calibration
 from ...estimate.consistency import nees
 from ...estimate.many import calibrate_batch, calibrate_redrawn, images_of
 from ...estimate.motions import motion_unknowns

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...estimate.calibrate import Calibration
+from ...estimate.calibration import Calibration
 from ...estimate.reliability import Reliability
 from ...flights.flight import Flight, Image
 from ..scales import Scales, axes_of, places_of, scales_of, words_of

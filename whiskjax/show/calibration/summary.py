@@ -7,7 +7,7 @@ theirs in `unit` (degrees, metres, milliseconds, pixels).
 
 import numpy as np
 
-from ...estimate.calibrate import Calibration
+from ...estimate.calibration import Calibration
 from ...flights.flight import Flight
 from ..plain import (
     PRIOR_ONLY,
