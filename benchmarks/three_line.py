@@ -23,7 +23,7 @@ from whiskjax.algebra.vectors import Vec3
 from whiskjax.chain.samples import quaternions_from_matrices
 from whiskjax.estimate.block.begin import begin
 from whiskjax.estimate.block.prepare import Prepared, State, prepare
-from whiskjax.estimate.block.solve import Reduced, _step, reduce
+from whiskjax.estimate.block.solve import Reduced, damped, reduce
 from whiskjax.estimate.block.station_errors import at_stations
 from whiskjax.flights import songshan
 from whiskjax.flights.songshan_draw import (
@@ -171,10 +171,10 @@ def iteration(ties: int) -> Callable[[], tuple[Reduced, Vec3]]:
     prepared = posed(ties).prepared()
     ready, state = prepared.ready, prepared.start
     reduced, points = reduce(ready, state)
-    undamped = jnp.asarray(0.0)
+    undamped, one_step = jnp.asarray(0.0), jax.jit(damped)
 
     def run():
-        step = _step(reduced.matrix, reduced.right, undamped)
+        _, step = one_step(reduced, undamped)
         size = state.x.size
         return reduce(ready, State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points))
 

@@ -252,7 +252,7 @@ TAKES = {
             "role": np.array("control"),
         },
         "position_m",
-        "shot points images strips",
+        "shot points images strips time_s fixed labels",
     ),
     "Block.keep": Takes({"self": BLOCK, "rays": [0]}, {"rays": np.ones(4, dtype=bool)}),
     "direct_positioning": Takes({"sensor": SENSOR, "block": BLOCK}, {}, others="sensor block ties"),

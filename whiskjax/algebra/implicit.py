@@ -33,16 +33,19 @@ def implicit(equations: Callable[..., Sequence[Component]], x: Sequence[Componen
     return _solution(residual, _elementwise, tuple(jax.lax.stop_gradient(c) for c in x), *leaves)
 
 
-def stationary(slope: Callable[..., Array], x: Float[Array, " k"], *given: Any) -> Float[Array, " k"]:
+def stationary(slope: Callable[..., Any], x: Any, *given: Any, solve: Callable[..., Any] | None = None) -> Any:
     """As `implicit`, of a vector x at which a cost is least: its slope g(x, a) is zero, and dx = -H^-1 (dg/da) da.
 
     H, the derivative of the slope, is the whole Hessian, with the curvature of the residuals. One solution with it, whatever the
     iteration was that found x.
 
-    **Arguments:** `slope`: g(x, *given), (k,).
+    **Arguments:**
+
+    - `slope`: g(x, *given), (k,); or of the structure of x, where `solve` knows it.
+    - `solve`: (g, x, change) -> -H^-1 change, for a Hessian that is not to be written down whole.
     """
     residual, leaves = _of_leaves(slope, given)
-    return _solution(residual, _by_hessian, jax.lax.stop_gradient(x), *leaves)
+    return _solution(residual, _by_hessian if solve is None else solve, jax.lax.stop_gradient(x), *leaves)
 
 
 def _of_leaves(equations: Callable[..., Any], given: Any) -> tuple[Callable[..., Any], list[Any]]:

@@ -4,6 +4,7 @@ A sample and a line that were exchanged, or -9999 for "not measured", are number
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -32,12 +33,12 @@ def is_beside(camera: AbstractCamera, pixel: Vec2) -> Bool[Array, "..."]:
 
 
 @eqx.filter_jit
-def _beside(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"]) -> Bool[Array, " n"]:
+def _beside(sensor: Sensor, shot: Shot, pixel_px: Float[Any, "n 2"]) -> Bool[Array, " n"]:
     return is_beside(sensor.camera_at(shot), unstack(pixel_px))
 
 
 @eqx.filter_jit
-def _codes(sensor: Sensor, shot: Shot, pixel_px: Float[Array, "n 2"]) -> Int[Array, " n"]:
+def _codes(sensor: Sensor, shot: Shot, pixel_px: Float[Any, "n 2"]) -> Int[Array, " n"]:
     result = sensor.camera_at(shot).check_pixel(unstack(pixel_px))
     return jax.tree.leaves(result)[0] + jnp.zeros(pixel_px.shape[0], dtype=jnp.int32)
 
@@ -49,7 +50,7 @@ def beside_detector(
 
     **Arguments:** `label`: what the i-th of them is called.
     """
-    return said_beside(np.asarray(_beside(sensor, shot, jnp.asarray(pixel_px))) & used, label)
+    return said_beside(np.asarray(_beside(sensor, shot, np.asarray(pixel_px))) & used, label)
 
 
 def said_beside(wrong: Bool[np.ndarray, " n"], label: Callable[[int], str]) -> list[str]:
@@ -70,7 +71,7 @@ def refuse_pixels_without_direction(
 
     **Raises:** `SensorError` naming the first measurement that has no line of sight, and how many there are.
     """
-    code = np.asarray(_codes(sensor, shot, jnp.asarray(pixel_px)))
+    code = np.asarray(_codes(sensor, shot, np.asarray(pixel_px)))
     if code.any():
         i, count = int(np.argmax(code != 0)), int((code != 0).sum())
         place = ", ".join(f"{v:.6g}" for v in np.asarray(pixel_px)[i])

@@ -154,9 +154,11 @@ def by_motion(link: AbstractStations, shot: Shot, moved: tuple[Vec3, Vec3], met:
     rows = met.rows
     assert rows is not None  # of a link
 
+    _, along = jax.linearize(passed, *six)  # the link is traced once for all six
+
     def column(k: int) -> Vec2:
         direction = [jnp.ones_like(c) if i == k else jnp.zeros_like(c) for i, c in enumerate(six)]
-        return apply(rows, jax.jvp(passed, six, tuple(direction))[1])
+        return apply(rows, along(*direction))
 
     return [column(k) for k in range(6)]
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..chain.address import node_at
 from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
-from ..rules import Arrays, WhiskjaxError, is_traced, need
+from ..rules import Arrays, WhiskjaxError, is_traced, need, on_device
 from .estimate import Estimate
 from .unknown import Unknown, admit
 
@@ -108,7 +108,7 @@ def posed(sensor: Sensor, priors: Given) -> tuple[Sensor, Parameters, Any]:
     elif priors.is_joint:
         root = root @ np.linalg.inv(np.linalg.cholesky(priors.correlation))
     names, places = tuple(x.name for x in unknowns), tuple(x.places for x in unknowns)
-    return sensor, Parameters(jnp.asarray(mean), jnp.asarray(scale), jnp.asarray(root), names, places), u
+    return sensor, Parameters(on_device(mean), on_device(scale), on_device(root), names, places), u
 
 
 def held(sensor: Sensor, unknowns: Sequence[Unknown]) -> Any:

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +15,7 @@ from ..chain.imaging import begin, finite, sight
 from ..chain.joints import joint_derivatives
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot, fit_shot
-from ..rules import RESULTS, WhiskjaxError, first_failure, is_traced, raise_failures
+from ..rules import RESULTS, WhiskjaxError, arrays_of, compiled, first_failure, is_traced, plain, raise_failures
 from ..rules.results import choose, failure_if, is_successful
 from ..rules.sizes import filled, rounded
 from ..rules.spread import refuse_sigmas
@@ -67,7 +66,7 @@ def intersect(
     **Raises:** `SensorError`; `WhiskjaxError` for indices with holes.
     """
     arrays = begin("intersect", sensor, shot, throw=throw)
-    pixel = jnp.asarray(arrays.take("pixel_px", pixel_px, "rays 2"))
+    pixel = plain(arrays.take("pixel_px", pixel_px, "rays 2"))
     index = np.asarray(arrays.take_whole("point_index", point_index, "rays"))
     fit_shot(arrays, shot, "rays")
     refuse_extremes(sensor, "intersect")
@@ -80,12 +79,15 @@ def intersect(
             "intersect: point indices must run from 0 to points - 1 without holes: a point without a ray has no place"
         )
     shape = {0: "", 1: "2"}.get(np.ndim(sigma_px), "rays 2")
-    sigma = jnp.broadcast_to(jnp.asarray(arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0)), pixel.shape)
+    sigma = plain(arrays.take("sigma_px", sigma_px, shape, finite=True, above=0.0))
+    sigma = arrays_of((sigma, pixel)).broadcast_to(sigma, pixel.shape)
     if not is_traced(sigma):
         refuse_sigmas(np.asarray(sigma), lambda _: "intersect: a sigma_px")
     rays, whose, size = _filled(index, points)
-    shots = jax.tree.map(lambda a: jnp.broadcast_to(a, index.shape)[rays], shot)
-    found = _intersect(sensor, shots, pixel[rays], jnp.asarray(whose, dtype=jnp.int32), sigma[rays], size)
+    math = arrays_of((sensor, shot, pixel, sigma))  # outside of tracing nothing has to be compiled for picking
+    shots = jax.tree.map(lambda a: math.broadcast_to(plain(a), index.shape)[rays], shot)
+    found = _intersect(sensor, shots, plain(pixel)[rays], whose.astype(np.int32), plain(sigma)[rays], size)
+    found = jax.tree.map(plain, found)
     answer = Intersection(
         found.point_m[:points],
         found.covariance_m2[:points],
@@ -107,8 +109,7 @@ def _filled(index: Int[np.ndarray, " rays"], points: int) -> tuple[np.ndarray, n
     return rays[more], whose[more], size
 
 
-@eqx.filter_jit
-def _intersect(sensor: Sensor, shot: Shot, pixel: Array, index: Array, sigma: Array, points: int) -> Intersection:
+def _intersected(sensor: Sensor, shot: Shot, pixel: Array, index: Array, sigma: Array, points: int) -> Intersection:
     measured: Vec2 = unstack(pixel)
     weight = tuple(1 / s for s in unstack(sigma))
     ray_result = first_failure(sensor.check(shot), sensor.camera_at(shot).check_pixel(measured))
@@ -153,6 +154,9 @@ def _intersect(sensor: Sensor, shot: Shot, pixel: Array, index: Array, sigma: Ar
         jnp.where(ok[index], stack(residual), jnp.nan),
         result,
     )
+
+
+_intersect = compiled(_intersected, lambda sensor, shot, pixel, *_: len(pixel))
 
 
 def _nearest(origin: Vec3, direction: Vec3, gather, add_up) -> tuple[Vec3, Array]:

@@ -271,7 +271,9 @@ def simulate(scene: Scene = Scene(), seed: int = 0) -> Flight:
         name=f"songshan {scene.name}, {scene.noise}, seed {seed}",
         sensor=recorded,
         images=images,
-        points=Points(block.points, block.position_m, np.broadcast_to(POINT_SIGMA_M, block.position_m.shape), list(block.role)),
+        points=Points(
+            block.points, block.position_m, np.broadcast_to(POINT_SIGMA_M, block.position_m.shape), block.role.tolist()
+        ),
         measurements=Measurements(
             image=len(VIEWS) * strip + view,
             point=block.point,

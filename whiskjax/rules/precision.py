@@ -32,6 +32,11 @@ def plain(array: Any) -> Any:
     return array if is_traced(array) else np.asarray(array)
 
 
+def on_device(array: Any) -> Any:
+    """An array where compiled functions find it again and again; unlike `jnp.asarray` it compiles nothing."""
+    return array if is_traced(array) else jax.device_put(np.asarray(array))
+
+
 def arrays_of(tree: Any) -> Any:
     """The module that reckons with these arrays: `jax.numpy` where one is traced, else `numpy`, which compiles nothing."""
     return jnp if any(map(is_traced, jax.tree.leaves(tree))) else np

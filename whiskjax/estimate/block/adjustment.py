@@ -1,21 +1,33 @@
 """What a block adjustment found."""
 
 import dataclasses
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from ...chain.detector import beside_detector
 from ...chain.sensor import Sensor
-from ...rules import RESULTS
+from ...chain.shot import Shot
+from ...earth.surface import AbstractSurface
+from ...rules import RESULTS, arrays_of, plain
 from ...rules.results import codes_of
+from ..diagnosis import consistency, kinked
 from ..errors import FrameErrors
 from ..estimate import Estimate
 from ..unknown import Unknown
 from ..variance_components import Components
-from ..verdict import UNTESTED, CheckTest, stretched
+from ..verdict import CheckTest, contradictions, stretched
 from .block import Block
-from .station_errors import StationErrors
+from .check import checked
+from .connect import seen_once
+from .orientation import ExteriorOrientation, exterior_orientation
+from .prepare import Prepared
+from .solve import Solved
+from .station_errors import StationErrors, at_stations
+from .told import impossible, warnings_of
 
 
 class Trust(NamedTuple):
@@ -24,10 +36,10 @@ class Trust(NamedTuple):
     `data_share` is 1 - sigma_post^2 / sigma_prior^2 (NaN without a prior).
     """
 
-    covariance: Float[np.ndarray, "q q"]
-    sigma: Float[np.ndarray, " q"]
-    stations: Float[np.ndarray, "stations 6"]
-    data_share: Float[np.ndarray, " q"]
+    covariance: Float[Any, "q q"]
+    sigma: Float[Any, " q"]
+    stations: Float[Any, "stations 6"]
+    data_share: Float[Any, " q"]
 
 
 class Statistics(NamedTuple):
@@ -48,11 +60,11 @@ class Statistics(NamedTuple):
         return cls(float(e.max()), float(e.min()), float(e.mean()), float(np.sqrt((e**2).mean())), len(e))
 
 
-@dataclasses.dataclass(frozen=True)
-class Adjustment:
+class Adjustment(eqx.Module):
     """A solved block; residual = measured - projected, in pixels.
 
-    - `sensor`: with the solution put in; `value`, `start`: of the unknowns, in the units of their fields.
+    - `sensor`: with the solution put in; `value`, `start`: of the unknowns, in the units of their fields; `estimate`: they
+      with their joint covariance, points and motions integrated out: knowledge for the next verb.
     - `errors`: the statements by which the trajectory was weighed; `motions`: what they say of the link whose motions were
       estimated, None where it was kept.
     - `point_m`, `covariance_m2`: every point, world frame; NaN for points that nobody sees.
@@ -64,38 +76,112 @@ class Adjustment:
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
     one line is `px_per_line` of them.
+
+    Under jit, vmap and derivatives `sensor`, `estimate`, points, residuals and covariances are traced; what is told to people
+    (`variance_factor`, `check`, `warnings`, `is_sound`) is worked out when somebody looks at it, outside.
     """
 
     sensor: Sensor
+    estimate: Estimate
     unknowns: tuple[Unknown, ...]
-    value: Float[np.ndarray, " q"]
-    start: Float[np.ndarray, " q"]
-    trust: Trust
+    start: Float[Any, " q"]
     block: Block
     errors: tuple[FrameErrors, ...]
-    motions: StationErrors | None
-    point_m: Float[np.ndarray, "points 3"]
-    covariance_m2: Float[np.ndarray, "points 3 3"]
-    residual_px: Float[np.ndarray, "rays 2"]
-    used: Bool[np.ndarray, " rays"]
+    point_m: Float[Any, "points 3"]
+    covariance_m2: Float[Any, "points 3 3"]
+    residual_px: Float[Any, "rays 2"]
+    used: Bool[Any, " rays"]
     components: Components | None
-    cost: float
-    freedom: int
-    variance_factor: float
-    tail_probability: float
-    is_consistent: bool
-    steps: int
-    result: RESULTS
-    warnings: tuple[str, ...]
-    check: CheckTest = UNTESTED
-    left_out: tuple[str, ...] = ()
+    steps: Any
+    _prepared: Prepared
+    _solved: Solved
+    _inverse: Float[Any, "m m"]
+    _code: Int[Any, " rays"]
 
     @property
-    def estimate(self) -> Estimate:
-        """The unknowns with their joint covariance, points and motions integrated out: knowledge for the next verb."""
-        names, places = tuple(x.name for x in self.unknowns), tuple(x.places for x in self.unknowns)
-        share, cost = 1 - self.trust.data_share, np.asarray(self.cost)
-        return Estimate(self.value, self.trust.covariance, share, cost, self.freedom, self.result, names, places)
+    def value(self) -> Float[Any, " q"]:
+        """Of the unknowns."""
+        return self.estimate.value
+
+    @property
+    def result(self) -> RESULTS:
+        """How the solution ended."""
+        return self.estimate.result
+
+    @property
+    def cost(self) -> Any:
+        """The sum of squared whitened residuals."""
+        return self.estimate.cost
+
+    @property
+    def freedom(self) -> Any:
+        """Observations and priors less what was estimated."""
+        return self.estimate.freedom
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the equations determine everything."""
+        return bool(np.isfinite(np.asarray(self._inverse)).all())
+
+    @cached_property
+    def trust(self) -> Trust:
+        """Second moments in the units of the fields."""
+        x, sigma = self._solved.state.x, plain(self._prepared.ready.unknowns.sigma)
+        math = arrays_of((self._inverse, sigma))
+        stations = math.sqrt(self._inverse.diagonal()[: x.size]).reshape(x.shape) * sigma[:, None]
+        return Trust(self.estimate.covariance, self.estimate.sigma, stations.T, 1 - self.estimate.prior_share)
+
+    @cached_property
+    def motions(self) -> StationErrors | None:
+        """What the statements of errors say of the link whose motions were estimated; None where it was kept."""
+        ready = self._prepared.ready
+        found = at_stations("adjust", self.errors, ready.sensor, self.block)
+        return None if found is None else dataclasses.replace(found, sigma=np.asarray(ready.unknowns.sigma))
+
+    @cached_property
+    def _consistency(self) -> tuple[float, float, bool]:
+        return consistency(float(self.cost), int(self.freedom))
+
+    @property
+    def variance_factor(self) -> float:
+        """`cost` over `freedom`."""
+        return self._consistency[0]
+
+    @property
+    def tail_probability(self) -> float:
+        """Of a larger variance factor by chance."""
+        return self._consistency[1]
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether residuals are no larger than chance explains."""
+        return self._consistency[2]
+
+    @cached_property
+    def check(self) -> CheckTest:
+        """The check points' coordinates beside those that came out."""
+        points = np.asarray(self.point_m), np.asarray(self.covariance_m2)
+        return checked(self._prepared, self._solved, np.asarray(self.used), *points)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Check and tie points, by name, that one ray alone sees."""
+        return tuple(self.block.point_name(int(i)) for i in np.flatnonzero(seen_once(self.block)))
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a careful person would say, the most serious first."""
+        block, used = self.block, np.asarray(self.used)
+        squared = np.where(used[:, None], (np.asarray(self.residual_px) / np.asarray(block.sigma_px)) ** 2, 0.0)
+        factor, tail, _ = self._consistency
+        told = block, used, seen_once(block), self.motions, factor, tail, squared
+        return (
+            *impossible(block, np.asarray(self._code)),
+            *contradictions(self.check, self.components),
+            *beside_detector(self.sensor, block.shots(), np.asarray(block.pixel_px), used, block.ray_label),
+            *warnings_of(*told, np.asarray(self.trust.data_share), self.estimate.names),
+            *kinked(self.sensor, self.unknowns),
+        )
 
     @property
     def is_sound(self) -> bool:
@@ -103,6 +189,19 @@ class Adjustment:
         reason (verdict.py)."""
         consistent = self.is_consistent and self.check.agrees and not stretched(self.components)
         return int(codes_of(self.result)) == 0 and consistent
+
+    def exterior_orientation(self, shot: Shot | None = None, *, surface: AbstractSurface | None = None) -> ExteriorOrientation:
+        """Projection centre and POS reference point: position and attitude, with their 6x6 covariance in level axes there.
+
+        **Arguments:**
+
+        - `shot`: exposures, fields of the shape (n,); by default every station: each image of poses per image, each node in time,
+          with the keys of the ray that is nearest to it in time.
+        - `surface`: what is level: the ellipsoid by default; `Plane((0, 0, 0), (0, 0, 1))` in a local world.
+
+        **Raises:** `WhiskjaxError` where there are no stations and no shot is given, or nobody knows what is up.
+        """
+        return exterior_orientation(self._prepared, self._solved.state, self._inverse, shot, surface)
 
     def errors_m(self, role: str) -> Float[np.ndarray, "n 3"]:
         """Adjusted less given coordinates of the seen points of a role with known coordinates ("check", "control")."""

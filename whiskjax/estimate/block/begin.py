@@ -1,37 +1,45 @@
 """Where an adjustment begins: poses, and points from their rays."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ...chain.sensor import Sensor
-from ...rules import SensorError
+from ...rules import SensorError, arrays_of
 from ...rules.results import codes_of, message_of
 from ..intersection import intersect
 from .block import Block
 from .connect import seen_once
+from .derivative import held
 from .prepare import prepare
 from .solve import gauss_newton
 from .station_errors import StationErrors
 
 
-def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[Sensor, Float[np.ndarray, "points 3"]]:
+def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[Sensor, Float[Any, "points 3"]]:
     """A sensor and the approximate coordinates of every point that is seen.
 
     Control points lie where they are given; all others where their rays meet, and nowhere (NaN) with one ray. Without POS the
     poses may be far off: then the images are first resected from their control points.
 
+    Traced, it is where the iteration begins, and nothing follows it.
+
     **Raises:** `SensorError` naming the first point whose rays do not meet.
     """
     control = block.role == "control"
-    point = np.where(control[:, None], block.position_m, np.nan)
+    math = arrays_of((sensor, block))
+    point = math.where(control[:, None], block.position_m, math.nan)
     if motions is not None and not motions.observed and control[block.point].any():
         sensor = _resect(sensor, block.keep(control[block.point]), motions)
     rays = np.flatnonzero(~(control | seen_once(block))[block.point])
     if rays.size:
         others = block.keep(rays)
         seen, index = np.unique(others.point, return_inverse=True)
-        met = intersect(sensor, others.shot, jnp.asarray(others.pixel_px), index, jnp.asarray(others.sigma_px), throw=False)
+        met = intersect(sensor, others.shot, others.pixel_px, index, others.sigma_px, throw=False)
+        if math is jnp:
+            return sensor, point.at[seen].set(met.point_m)
         codes = codes_of(met.result)
         if codes.any():
             i = int(np.argmax(codes != 0))
@@ -44,7 +52,7 @@ def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[
 def _resect(sensor: Sensor, seen: Block, motions: StationErrors) -> Sensor:
     """The poses from control points alone, held where nothing is seen by the sigmas that the start has."""
     prepared = prepare(sensor, seen, (), motions.known(), seen.position_m)
-    solved = gauss_newton(prepared.ready, prepared.start)
+    solved = gauss_newton(held(prepared.ready), held(prepared.start))
     return prepared.ready.unknowns.put(prepared.ready.sensor, solved.state.x, solved.state.u)
 
 

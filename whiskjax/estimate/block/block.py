@@ -1,21 +1,26 @@
 """What a block adjustment adjusts: the rays of control, check and tie points."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ...chain.shot import KEYS, Shot, fit_shot
-from ...rules import Arrays, WhiskjaxError, need
+from ...rules import Arrays, Fixed, Labels, WhiskjaxError, arrays_of, is_traced, need, plain
 from ...rules.spread import refuse_covariances, refuse_sigmas, refuse_sizes
 
 ROLES = ("control", "check", "tie")
+_UNNAMED = Labels(points=(), images=(), strips=())
+_EXACT = 1e-12  # m^2: what is known to a micrometre is known
 
 
-@dataclasses.dataclass(frozen=True)
-class Block:
+class Block(eqx.Module):
     """Image measurements of points, and what is known of the points; residual = measured - projected, in pixels.
 
     Rays of all three roles take part. Control points have coordinates with a covariance; those of check points are only compared
@@ -23,6 +28,9 @@ class Block:
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
     one line is `px_per_line` of them.
+
+    Times, pixels, sigmas, coordinates and covariances may be traced, and are not looked at then; which point a ray sees, roles
+    and keys are not: they say what is computed (`dataclasses.replace` changes any of them, and names).
 
     **Arguments** (rays, points):
 
@@ -36,37 +44,72 @@ class Block:
     - `points`, `images`, `strips`: names for people, of points, of rays, and of strips by their number.
     """
 
-    shot: Shot
-    pixel_px: Float[np.ndarray, "rays 2"]
-    sigma_px: Float[np.ndarray, "rays 2"]
-    point: Int[np.ndarray, " rays"]
-    position_m: Float[np.ndarray, "points 3"]
-    covariance_m2: Float[np.ndarray, "points 3 3"]
-    role: np.ndarray
-    points: Sequence[str] = ()
-    images: Sequence[str] = ()
-    strips: Sequence[str] = ()
+    time_s: Float[Any, "..."] | None
+    pixel_px: Float[Any, "rays 2"]
+    sigma_px: Float[Any, "rays 2"]
+    position_m: Float[Any, "points 3"]
+    covariance_m2: Float[Any, "points 3 3"]
+    fixed: Fixed = eqx.field(static=True)
+    labels: Labels = eqx.field(static=True)
 
-    def __post_init__(self):
-        need("Block", "shot", self.shot, Shot, "Shot(time_s=..., image=...)")
+    def __init__(
+        self,
+        shot: Shot | None = None,
+        pixel_px: Any = None,
+        sigma_px: Any = None,
+        point: Any = None,
+        position_m: Any = None,
+        covariance_m2: Any = None,
+        role: Any = None,
+        points: Sequence[str] | None = None,
+        images: Sequence[str] | None = None,
+        strips: Sequence[str] | None = None,
+        *,
+        time_s: Any = None,
+        fixed: Fixed | None = None,
+        labels: Labels = _UNNAMED,
+    ):
+        """`time_s`, `fixed` and `labels` are what a block holds of the others: `dataclasses.replace` hands them on.
+
+        **Raises:** `WhiskjaxError` naming the ray or the point whose numbers make no sense; shapes that do not fit.
+        """
         arrays = Arrays("Block")
-        taken = {
-            "point": arrays.take_whole("point", self.point, "rays", meaning="the index of the point that each ray sees"),
-            "pixel_px": arrays.take("pixel_px", self.pixel_px, "rays 2"),
-            "sigma_px": arrays.take("sigma_px", self.sigma_px, "rays 2"),
-            "role": np.asarray(self.role),
-        }
-        arrays.fit("role", taken["role"].shape, "points")
-        taken["position_m"] = arrays.take("position_m", self.position_m, "points 3", absolute=True)
-        taken["covariance_m2"] = arrays.take("covariance_m2", self.covariance_m2, "points 3 3")
-        fit_shot(arrays, self.shot, "rays")
-        for name, value in taken.items():
-            object.__setattr__(self, name, np.asarray(value))
+        if shot is not None or fixed is None:
+            need("Block", "shot", shot, Shot, "Shot(time_s=..., image=...)")
+            assert shot is not None  # checked just now
+            time_s = shot.time_s
+            for name in KEYS:
+                if is_traced(getattr(shot, name)):
+                    arrays.refuse(
+                        f"shot.{name}", "is traced, but keys say what is computed: make the shot outside of jit and vmap"
+                    )
+        kept: Any = {} if fixed is None else fixed
+        keys = {name: kept[name] if shot is None else getattr(shot, name) for name in KEYS}
+        point = kept["point"] if point is None and fixed is not None else point
+        role = kept["role"] if role is None and fixed is not None else role
+        if is_traced(point):
+            arrays.refuse("point", "is traced, but it says what is computed: give plain indices")
+        point = np.asarray(arrays.take_whole("point", point, "rays", meaning="the index of the point that each ray sees"))
+        self.pixel_px = plain(arrays.take("pixel_px", pixel_px, "rays 2"))
+        self.sigma_px = plain(arrays.take("sigma_px", sigma_px, "rays 2"))
+        arrays.fit("role", np.shape(role), "points")
+        self.position_m = plain(arrays.take("position_m", position_m, "points 3", absolute=True))
+        self.covariance_m2 = plain(arrays.take("covariance_m2", covariance_m2, "points 3 3"))
+        self.time_s = None if time_s is None else plain(time_s)
+        if shot is not None:
+            fit_shot(arrays, shot, "rays")
+        self.fixed = Fixed(point=point, role=role, **keys)
+        named = {"points": points, "images": images, "strips": strips}
+        self.labels = Labels(**{kind: labels[kind] if of is None else of for kind, of in named.items()})
+        self._check()
+
+    def _check(self) -> None:
+        """What roles, indices and names may be, and those numbers that are known."""
         rays, points = len(self.point), len(self.role)
         if rays == 0:
             raise WhiskjaxError("the block has no rays: nothing can be adjusted")
-        strip = self.shot.strip
-        strips = 0 if strip is None else 1 + int(np.max(np.asarray(strip)))
+        strip = self.fixed["strip"]
+        strips = 0 if strip is None else 1 + int(np.max(strip))
         if len(self.strips) and len(self.strips) < strips:
             raise WhiskjaxError(f"block: {len(self.strips)} names of strips, but a ray is of strip {strips - 1}")
         for name, count in (("points", points), ("images", rays)):
@@ -78,18 +121,62 @@ class Block:
         wrong = np.flatnonzero((self.point < 0) | (self.point >= points))
         if wrong.size:
             raise WhiskjaxError(f"ray {wrong[0]} sees point {self.point[wrong[0]]}, but the points are 0 to {points - 1}")
-        self._require(np.isfinite(self.pixel_px).all(axis=1), "pixel_px is not a finite number")
-        self._require((np.isfinite(self.sigma_px) & (self.sigma_px > 0)).all(axis=1), "sigma_px must be a positive number")
+        if not is_traced(self.pixel_px):
+            self._require(np.isfinite(self.pixel_px).all(axis=1), "pixel_px is not a finite number")
+            refuse_sizes(self.pixel_px, lambda i: f"{self.ray_label(i)}: pixel_px")
+        if not is_traced(self.sigma_px):
+            self._require((np.isfinite(self.sigma_px) & (self.sigma_px > 0)).all(axis=1), "sigma_px must be a positive number")
+        self._check_points()
+        if not is_traced(self.sigma_px):
+            refuse_sigmas(self.sigma_px, lambda i: f"{self.ray_label(i)}: sigma_px")
+
+    def _check_points(self) -> None:
         known = self.role != "tie"
-        placed = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.covariance_m2).all(axis=(1, 2))
+        given = np.flatnonzero(known)
+        placed = np.ones(len(known), dtype=bool)
+        if not is_traced(self.position_m):
+            placed &= np.isfinite(self.position_m).all(axis=1)
+        if not is_traced(self.covariance_m2):
+            placed &= np.isfinite(self.covariance_m2).all(axis=(1, 2))
         if (known & ~placed).any():
             i = int(np.argmax(known & ~placed))
             raise WhiskjaxError(f"{self.point_label(i)} is a {self.role[i]} point, but its coordinates are not finite numbers")
-        refuse_sizes(self.pixel_px, lambda i: f"{self.ray_label(i)}: pixel_px")
-        refuse_sizes(np.where(known[:, None], self.position_m, 0.0), lambda i: f"{self.point_label(i)}: position_m")
-        refuse_sigmas(self.sigma_px, lambda i: f"{self.ray_label(i)}: sigma_px")
-        given = np.flatnonzero(known)
-        refuse_covariances(self.covariance_m2[given], lambda i: f"{self.point_label(int(given[i]))}: covariance_m2")
+        if not is_traced(self.position_m):
+            refuse_sizes(np.where(known[:, None], self.position_m, 0.0), lambda i: f"{self.point_label(i)}: position_m")
+        if not is_traced(self.covariance_m2):
+            refuse_covariances(self.covariance_m2[given], lambda i: f"{self.point_label(int(given[i]))}: covariance_m2")
+
+    @property
+    def shot(self) -> Shot:
+        """Time and keys, as they were given."""
+        keys: dict[str, Any] = {name: self.fixed[name] for name in KEYS}
+        of_all = {name: value.item() for name, value in keys.items() if value is not None and np.ndim(value) == 0}
+        return Shot(self.time_s, **(keys | of_all))
+
+    @property
+    def point(self) -> Int[np.ndarray, " rays"]:
+        """Which point each ray sees."""
+        return self.fixed["point"]
+
+    @property
+    def role(self) -> np.ndarray:
+        """What each point is."""
+        return self.fixed["role"]
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points; or none."""
+        return self.labels["points"]
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Names of the images, one for each ray; or none."""
+        return self.labels["images"]
+
+    @property
+    def strips(self) -> tuple[str, ...]:
+        """Names of the strips, by number; or none."""
+        return self.labels["strips"]
 
     def _require(self, fine: Any, message: str) -> None:
         if not fine.all():
@@ -98,30 +185,33 @@ class Block:
     def __len__(self) -> int:
         return len(self.point)
 
-    def key(self, name: str) -> np.ndarray | None:
+    def key(self, name: str) -> Any:
         """A key, or the time, of every ray; None where it is not recorded."""
-        value = getattr(self.shot, name)
-        return None if value is None else np.broadcast_to(np.asarray(value), (len(self),))
+        value = self.time_s if name == "time_s" else self.fixed[name]
+        return value if value is None else arrays_of(value).broadcast_to(value, (len(self),))
 
     @property
     def seen(self) -> Bool[np.ndarray, " points"]:
         """Points that some ray sees."""
         return np.bincount(self.point, minlength=len(self.role)) > 0
 
-    def information(self) -> Float[np.ndarray, "points 3 3"]:
+    def information(self) -> Float[Any, "points 3 3"]:
         """Inverse covariance of the control points, zero for others; a sigma below a micrometre counts as one."""
-        known = self.role == "control"
-        inverse = np.zeros((len(known), 3, 3))
+        known = np.flatnonzero(self.role == "control")
+        if is_traced(self.covariance_m2):
+            inverse = _inverse(self.covariance_m2[known], _EXACT)
+            return jnp.zeros((len(self.role), 3, 3)).at[known].set(inverse)
+        inverse = np.zeros((len(self.role), 3, 3))
         values, vectors = np.linalg.eigh(self.covariance_m2[known])
-        inverse[known] = (vectors / np.maximum(values, 1e-12)[:, None, :]) @ vectors.swapaxes(1, 2)
+        inverse[known] = (vectors / np.maximum(values, _EXACT)[:, None, :]) @ vectors.swapaxes(1, 2)
         return inverse
 
-    def shots(self, index: Any = slice(None)) -> Shot:
-        """The shots of rays, by index of any shape."""
+    def shots(self, index: Any = slice(None), held: Callable[[Any], Any] = lambda a: a) -> Shot:
+        """The shots of rays, by index of any shape. **Arguments:** `held`: applied to each array."""
         picked: dict[str, Any] = {}
         for name in ("time_s", *KEYS):
             if (value := self.key(name)) is not None:
-                picked[name] = value[index]
+                picked[name] = held(value[index])
         return Shot(**picked)
 
     def point_name(self, i: int) -> str:
@@ -149,3 +239,23 @@ class Block:
             point=self.point[index],
             images=images,
         )
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(1,))
+def _inverse(covariance: Float[Array, "n 3 3"], least: float) -> Float[Array, "n 3 3"]:
+    """The inverse, with variances below the floor taken as `least`; where that is zero, without their directions.
+
+    The rule needs no derivative of eigenvectors, which equal variances do not have, and holds to every order: d(C^-1) =
+    -C^-1 dC C^-1. What is exactly known stays so.
+    """
+    values, vectors = jnp.linalg.eigh(covariance)
+    exact = values < _EXACT
+    weight = jnp.where(exact, 1 / least if least else 0.0, 1 / jnp.where(exact, 1.0, values))
+    return (vectors * weight[:, None, :]) @ jnp.swapaxes(vectors, 1, 2)
+
+
+@_inverse.defjvp
+def _inverse_jvp(least, primals, tangents):
+    (covariance,), (change,) = primals, tangents
+    known = _inverse(covariance, 0.0)
+    return _inverse(covariance, least), -known @ change @ known

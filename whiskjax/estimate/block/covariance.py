@@ -2,14 +2,13 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...algebra.vectors import vsub
 from ...chain.imaging import into_camera
-from ...rules import first_failure
+from ...rules import compiled, first_failure
 from .normal import chunk_rows
 from .prepare import Ready, State
 
@@ -21,8 +20,7 @@ class Seen(NamedTuple):
     code: Int[Array, "chunks units rays points"]
 
 
-@eqx.filter_jit
-def evaluate(ready: Ready, state: State) -> Seen:
+def _evaluate(ready: Ready, state: State) -> Seen:
     """Every ray at a state: its point has to lie in front of the camera, and inside of what its distortion can undo."""
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
 
@@ -38,8 +36,7 @@ def evaluate(ready: Ready, state: State) -> Seen:
     return Seen(jnp.stack([x, y], -1), code)
 
 
-@eqx.filter_jit
-def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Float[Array, "chunks tiles points 3 3"]:
+def _covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Float[Array, "chunks tiles points 3 3"]:
     """Covariance of the points, m^2: V^-1 + V^-1 W^T S^-1 W V^-1 = L^-T (1 + Z S^-1 Z^T) L^-1.
 
     **Arguments:** `inverse`: of the reduced normal matrix S.
@@ -87,3 +84,7 @@ def covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Flo
         return jnp.einsum("tpki,kltp,tplj->tpij", lower, inner, lower)
 
     return jax.lax.map(of, (ready.tiles.chunks, state.points))
+
+
+evaluate = compiled(_evaluate, lambda ready, state: ready.rays)
+covariances = compiled(_covariances, lambda ready, state, inverse: ready.rays)

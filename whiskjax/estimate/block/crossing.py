@@ -8,22 +8,25 @@ the offset that it has there.
 """
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...chain.image_scale import scale_of_each
+from ...algebra.vectors import unstack
+from ...chain.image_scale import image_scale, scale_of_each
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
-from ...rules import SensorError
+from ...rules import SensorError, arrays_of, is_traced
 from ...rules.results import codes_of, message_of
 from ...rules.sizes import filled
 from .block import Block
 
 
-def at_crossing(sensor: Sensor, block: Block, point_m: Float[np.ndarray, "points 3"]) -> Block:
+def at_crossing(sensor: Sensor, block: Block, point_m: Float[Any, "points 3"]) -> Block:
     """The same measurements, each at the time when the given point is imaged on its line.
 
     A ray measured at line offset m and time t becomes one at the crossing t0 with offset m + rate (t0 - t); rays whose crossing
@@ -31,15 +34,21 @@ def at_crossing(sensor: Sensor, block: Block, point_m: Float[np.ndarray, "points
 
     **Arguments:** `sensor`: of line cameras, at the solution; `point_m`: of every point that is seen.
     """
-    time = np.asarray(block.key("time_s"), dtype=float)
-    found = scale_of_each(sensor, block.shots(), point_m[block.point])
+    time, traced = block.key("time_s"), arrays_of((sensor, block, point_m)) is jnp
+    if traced:
+        found = jax.lax.stop_gradient(image_scale(sensor, block.shots(), unstack(jnp.asarray(point_m)[block.point])))
+    else:
+        found = scale_of_each(sensor, block.shots(), point_m[block.point])
+    math = jnp if traced else np
     assert found.px_per_s is not None  # of line cameras
     offset, rate = found.pixel[1], found.px_per_s[1]
-    moved = -offset / np.where(rate == 0, np.inf, rate)
-    shot = dataclasses.replace(block.shots(), time_s=time + moved)
-    moved = np.where(_codes(sensor, dataclasses.replace(block, shot=shot)) == 0, moved, 0.0)
-    pixel = block.pixel_px + np.stack([np.zeros_like(moved), rate * moved], axis=-1)
-    return dataclasses.replace(block, shot=dataclasses.replace(shot, time_s=jnp.asarray(time + moved)), pixel_px=pixel)
+    moved = -offset / math.where(rate == 0, math.inf, rate)
+    codes = _codes(sensor, dataclasses.replace(block, time_s=time + moved))
+    crossing = time + math.where(codes == 0, moved, 0.0)
+    if traced:
+        crossing = jax.lax.stop_gradient(crossing)
+    pixel = block.pixel_px + math.stack([math.zeros_like(rate), rate * (crossing - time)], axis=-1)
+    return dataclasses.replace(block, time_s=crossing, pixel_px=pixel)
 
 
 def refuse_unrecorded(sensor: Sensor, block: Block) -> None:
@@ -51,7 +60,9 @@ def refuse_unrecorded(sensor: Sensor, block: Block) -> None:
         raise SensorError(f"{block.ray_label(i)}: {message_of(int(codes[i]))}{more}")
 
 
-def _codes(sensor: Sensor, block: Block) -> np.ndarray:
+def _codes(sensor: Sensor, block: Block) -> Any:
+    if is_traced(block.time_s) or any(map(is_traced, jax.tree.leaves(sensor))):
+        return jnp.broadcast_to(jax.tree.leaves(_check(sensor, block.shots()))[0], (len(block),))
     rays = filled(len(block))
     return np.broadcast_to(codes_of(_check(sensor, block.shots(rays))), rays.shape)[: len(block)]
 

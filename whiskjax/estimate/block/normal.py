@@ -147,10 +147,10 @@ def _eliminate(found: Dependence, chunk: Chunk, at: Vec3) -> tuple[Factor, Vec3]
     *normal, sx, sy, sz = _of_tiles(jnp.stack([c.sum(axis=1) for c in (*products, *slopes)]), chunk)
     off = tuple(a - b for a, b in zip(chunk.place, at, strict=True))
     factor = inverse_lower(tuple(n + p for n, p in zip(normal, chunk.prior, strict=True)))
-    return factor, forward(factor, tuple(s + p for s, p in zip((sx, sy, sz), _pull(chunk.prior, off), strict=True)))
+    return factor, forward(factor, tuple(s + p for s, p in zip((sx, sy, sz), pull(chunk.prior, off), strict=True)))
 
 
-def _pull(prior: tuple[Component, ...], off: Vec3) -> Vec3:
+def pull(prior: tuple[Component, ...], off: Vec3) -> Vec3:
     """Information times an offset."""
     p00, p01, p02, p11, p12, p22 = prior
     rows = (p00, p01, p02), (p01, p11, p12), (p02, p12, p22)
@@ -173,7 +173,7 @@ def backward(factor: Factor, v: Any) -> Vec3:
 def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows) -> Normal:
     size, width = len(rows.rest), len(rows.window)
     off = tuple(a - b for a, b in zip(chunk.place, at, strict=True))
-    pulled = total((p * o).sum() for p, o in zip(_pull(chunk.prior, off), off, strict=True))
+    pulled = total((p * o).sum() for p, o in zip(pull(chunk.prior, off), off, strict=True))
     corner = normal.corner + _square(rows.rest.reshape(size, -1)) - _square(rows.point_rest.reshape(size, -1))
     corner = corner.at[-1, -1].add(pulled)
     if width == 0:

@@ -5,6 +5,7 @@ product instead of thousands of small blocks. A tile has one unit or several (st
 once for a block.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -18,7 +19,8 @@ _MOST_SLACK = 8
 _UNIT_COST = 3e5  # what a unit costs besides its products, in multiplications
 
 
-class Plan(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
     """Chunks of units; -1 where a seat is empty.
 
     - `ray`: (chunks, units, rays, points), index of each ray; `tile`: (chunks, units), which tile of the chunk a unit belongs to.
@@ -35,6 +37,14 @@ class Plan(NamedTuple):
     units: Int[np.ndarray, " chunks"]
     pairs: Int[np.ndarray, " chunks"]
     width: int
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Plan) or self.width != other.width:
+            return False
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self))
+
+    def __hash__(self) -> int:  # a plan is a static field: what is compiled for
+        return hash((self.ray.tobytes(), self.start.tobytes(), self.width))
 
     def holds(self, first: Int[np.ndarray, " rays"], acting: int) -> bool:
         """Whether every ray's stations lie in the window of its unit."""

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...algebra.vectors import Component, Vec2, Vec3
@@ -12,6 +12,7 @@ from ...chain.parameters import Parameters
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.stations import AbstractStations
+from ...rules import arrays_of, on_device, plain
 
 
 class Chunk(eqx.Module):
@@ -62,18 +63,20 @@ class Unknowns(eqx.Module):
 
     def put(self, sensor: Sensor, x: Float[Array, "6 stations"], u: Float[Array, " q"]) -> Sensor:
         """The sensor with whitened motions and unknowns put in."""
-        sensor = self.others.put(sensor, u)
+        sensor = self.others.put(sensor, plain(u))
         if self.stations is None:
             return sensor
         link = sensor.names.index(self.stations)
         stations: Any = sensor.links[link]
-        held = jnp.concatenate(
-            [jnp.zeros((x.shape[1], 3)) if m is None else m for m in (stations.turn_rad, stations.shift_m)], axis=1
-        )
-        motions = jnp.where(self.sigma > 0, (self.sigma[:, None] * x).T, held)
+        parts = [np.zeros((x.shape[1], 3)) if m is None else plain(m) for m in (stations.turn_rad, stations.shift_m)]
+        x, sigma = plain(x), plain(self.sigma)
+        math = arrays_of((x, sigma, parts))  # outside of tracing nothing has to be compiled for it
+        motions = math.where(sigma > 0, (sigma[:, None] * x).T, math.concatenate(parts, axis=1))
 
         def where(s: Sensor) -> Any:
             held: Any = s.links[link]
             return held.turn_rad, held.shift_m
 
-        return eqx.tree_at(where, sensor, (motions[:, :3], motions[:, 3:]), is_leaf=lambda leaf: leaf is None)
+        return eqx.tree_at(
+            where, sensor, (on_device(motions[:, :3]), on_device(motions[:, 3:])), is_leaf=lambda leaf: leaf is None
+        )

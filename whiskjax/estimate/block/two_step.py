@@ -27,8 +27,9 @@ from ...chain.shot import Shot
 from ...rules import WhiskjaxError, need, need_flags
 from ..errors import FrameErrors
 from ..unknown import Unknown, admit, assign, need_unknowns
-from .adjust import report, retimed
+from .adjust import retimed
 from .adjustment import Adjustment
+from .answer import answer, refuse
 from .begin import begin
 from .block import Block
 from .connect import seen_once
@@ -139,7 +140,8 @@ def two_step(
     last = assign(sensor, second, value)
     held = dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.sensor, prepared.ready, last))
     solved = gauss_newton(held.ready, state)
-    adjustment = report(held, solved, first, tuple(errors), motions, start_u, ~seen_once(block)[block.point], None, throw=True)
+    adjustment = answer(held, solved, first, tuple(errors), start_u, ~seen_once(block)[block.point], None)
+    refuse(adjustment, motions)
     tail = steps[-4:]
     observed = (tail[-1] / tail[0]) ** (1 / (len(tail) - 1)) if len(tail) > 1 and tail[0] > 0 else float("nan")
     return TwoStep(tuple(x.name for x in second), np.array(values), rate, observed, early, has_converged, adjustment)

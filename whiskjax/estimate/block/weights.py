@@ -85,7 +85,7 @@ def _groups(
     taken_ties = float(np.sum(inverse * np.asarray(solved.reduced.observed))) - taken_marked
     residual = prepared.by_ray(evaluate(ready, state).residual_px) / block.sigma_px
     squared = np.where(some, (residual**2).sum(axis=1), 0.0)
-    point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
+    point = prepared.point_m(state)
     off = np.where(control[:, None], np.nan_to_num(point - block.position_m), 0.0)[control]
     pulled = np.einsum("ni,nij,nj->", off, block.information()[control], off)
     seen = np.unique(block.point[some])

@@ -70,7 +70,7 @@ def _judge(prepared: Prepared, state: State) -> Judged:
         _, points = reduce(everything.ready, state)
         state = State(state.x, state.u, points)
     residual = prepared.by_ray(evaluate(everything.ready, state).residual_px) / block.sigma_px
-    point = prepared.by_point(np.stack([np.asarray(c) for c in state.points], axis=-1))
+    point = prepared.point_m(state)
     sensor = everything.ready.unknowns.put(everything.ready.sensor, state.x, state.u)
     at = jnp.asarray(np.where(np.isfinite(point), point, 0.0)[block.point])
     rows = np.asarray(_by_point(sensor, block.shots(), at)) / block.sigma_px[:, :, None]
