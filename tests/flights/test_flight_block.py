@@ -33,7 +33,7 @@ def test_rays_keep_the_keys_of_their_images(flight):
     block = flight.block()
     image = flight.measurements.image
     np.testing.assert_array_equal(block.key("image"), image)
-    assert block.images == [flight.images[i].name for i in image]
+    assert list(block.images) == [flight.images[i].name for i in image]
     for key, names in flight.sensor.key_names().items():
         assert [names[i] for i in block.key(key)] == [flight.images[i].key(key) for i in image]
     assert (block.key("time_s") is not None) == flight.is_line

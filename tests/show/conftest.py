@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.show.invented import invented
 from whiskjax.flights.flight import Image
 from whiskjax.show.calibration.figures import draw_all
 from whiskjax.show.calibration.residuals import gather
@@ -83,5 +84,5 @@ def undetermined(calibration, flight):
         null_space=({"omega_sen": 1.0, "omega_pos_left": -0.5},),
         condition=np.inf,
     )
-    failed = dataclasses.replace(calibration, unknowns=unknowns, posterior=posterior, result=wj.RESULTS.rank_deficient)
+    failed = invented(calibration, fields={"unknowns": unknowns}, posterior=posterior, result=wj.RESULTS.rank_deficient)
     return failed, flight

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.show.invented import invented
 from whiskjax.estimate.unknown import Unknown
 from whiskjax.estimate.variance_components import Components
 from whiskjax.estimate.verdict import CheckTest
@@ -87,14 +88,14 @@ def test_an_undetermined_unknown_has_no_sigma(undetermined):
 
 
 def test_an_iteration_without_an_end_is_not_sound(calibration, flight):
-    verdict = summarise(dataclasses.replace(calibration, result=RESULTS.not_converged), flight)["verdict"]
+    verdict = summarise(invented(calibration, result=RESULTS.not_converged), flight)["verdict"]
     assert verdict["word"] == "not sound"
     assert verdict["reasons"][0].startswith("after ") and "did not converge" in verdict["reasons"][0]
 
 
 def test_an_inconsistent_fit_is_not_sound(calibration, flight):
     fit = calibration.fit._replace(variance_factor=9.0, tail_probability=0.0, is_consistent=False)
-    verdict = summarise(dataclasses.replace(calibration, fit=fit), flight)["verdict"]
+    verdict = summarise(invented(calibration, fit=fit), flight)["verdict"]
     assert not verdict["is_sound"]
     assert "3.00 times" in verdict["reasons"][-1] and "more than chance explains" in verdict["reasons"][-1]
 
@@ -103,7 +104,7 @@ def test_check_points_that_contradict_are_not_sound(calibration, flight):
     summary = summarise(calibration, flight)
     assert summary["check"]["agrees"] and summary["check"]["degrees_of_freedom"] == 202
     check = CheckTest(900.0, 202, 1e-90, ("observation 7, image R3, point R3-01",), (9.0,))
-    odd = dataclasses.replace(calibration, fit=calibration.fit._replace(check=check))
+    odd = invented(calibration, fit=calibration.fit._replace(check=check))
     found = summarise(odd, flight)
     assert not found["verdict"]["is_sound"] and not found["check"]["agrees"]
     assert found["check"]["worst"] == [{"name": "observation 7, image R3, point R3-01", "sigmas": 9.0}]
@@ -121,13 +122,13 @@ def test_a_weight_beyond_reason_is_not_sound(calibration, flight):
 
 def test_sigmas_that_are_too_large_are_said_to_be(calibration, flight):
     fit = calibration.fit._replace(variance_factor=0.16, tail_probability=1.0)
-    reasons = summarise(dataclasses.replace(calibration, fit=fit), flight)["verdict"]["reasons"]
+    reasons = summarise(invented(calibration, fit=fit), flight)["verdict"]["reasons"]
     assert "0.40 times" in reasons[-1] and "too large" in reasons[-1]
 
 
 def test_a_null_space_that_priors_fill_is_a_caution(calibration, flight):
     posterior = dataclasses.replace(calibration.posterior, rank=14, null_space=({"u_gps": 1.0, "u_sen": -1.0},))
-    verdict = summarise(dataclasses.replace(calibration, posterior=posterior), flight)["verdict"]
+    verdict = summarise(invented(calibration, posterior=posterior), flight)["verdict"]
     assert verdict["is_sound"]
     assert "the data alone determine 14 of 15 unknowns" in verdict["cautions"][0] and "u_gps, u_sen" in verdict["cautions"][0]
 
@@ -157,7 +158,7 @@ def test_down_weighted_observations_are_named(calibration, flight):
     control = np.flatnonzero(calibration.observations.is_control)
     check = np.flatnonzero(~calibration.observations.is_control)
     weight[[control[3], control[7], check[0]]] = 0.4, 0.1, 0.1
-    found = summarise(dataclasses.replace(calibration, robust_weight=weight), flight)["down_weighted"]
+    found = summarise(invented(calibration, robust_weight=weight), flight)["down_weighted"]
     names = [calibration.observations.points[i] for i in (control[7], control[3])]
     assert found["count"] == 2 and [o["point"] for o in found["observations"]] == names
 
