@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.differences import differences
 
 # Control points around a station that moves past them at 100 m and is looked through from a tilted mount.
 RNG = np.random.default_rng(12)
@@ -71,17 +72,6 @@ def answer(t, loss=None):
     estimate = found.estimate
     of = (estimate.value / SIZE, estimate.sigma / SIZE, jnp.atleast_1d(estimate.cost), found.residual_after_px[0, :1])
     return jnp.concatenate([jnp.asarray(part) for part in of])
-
-
-def differences(of, t, h):
-    """Central differences, extrapolated twice (Richardson): an error of h^6."""
-
-    def central(step):
-        return np.stack([(np.asarray(of(t + d)) - np.asarray(of(t - d))) / (2 * step) for d in step * np.eye(len(t))], -1)
-
-    coarse, half, quarter = (central(h / 2**i) for i in range(3))
-    once, again = (4 * half - coarse) / 3, (4 * quarter - half) / 3
-    return (16 * again - once) / 15
 
 
 ZERO = np.zeros(len(WAYS))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from tests.differences import differences
 
 RNG = np.random.default_rng(5)
 LOOKS = 7
@@ -55,17 +56,6 @@ def answer(t, method):
     )
     sigma_m = jnp.sqrt(jnp.diagonal(found.covariance_enu_m2))
     return jnp.concatenate([found.point_m - TARGET_M, sigma_m, found.estimate.value[:1]]) / SIZE
-
-
-def differences(of, t, h):
-    """Central differences, extrapolated twice (Richardson): an error of h^6."""
-
-    def central(step):
-        return np.stack([(np.asarray(of(t + d)) - np.asarray(of(t - d))) / (2 * step) for d in step * np.eye(len(t))], -1)
-
-    coarse, half, quarter = (central(h / 2**i) for i in range(3))
-    once, again = (4 * half - coarse) / 3, (4 * quarter - half) / 3
-    return (16 * again - once) / 15
 
 
 ZERO = np.zeros(len(WAYS))
