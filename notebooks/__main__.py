@@ -15,7 +15,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 ROOT = Path(__file__).resolve().parent.parent
-CELL_TIMEOUT_S = 600
+CELL_TIMEOUT_S = 1200
 
 
 def execute(notebook: Path) -> str | None:
