@@ -15,6 +15,7 @@ from .estimate import Estimate
 from .unknown import Unknown, admit
 
 _FARTHEST = 1e12  # prior sigmas from the prior mean
+_LEAST = 1e-13  # eigenvalue of a correlation: below it is what rounding leaves of zero
 
 # What a verb takes as unknowns, or as numbers to be considered.
 Knowledge = Any  # Sequence[Unknown | Estimate | answer] | Estimate | answer
@@ -69,7 +70,7 @@ def _correlation(owner: str, name: str, of: Estimate) -> Any:
     if not is_traced(correlation):
         correlation = np.asarray(correlation)
         correlation = (correlation + correlation.T) / 2
-        if not np.isfinite(correlation).all() or not np.linalg.eigvalsh(correlation)[0] > 0:
+        if not np.isfinite(correlation).all() or not np.linalg.eigvalsh(correlation)[0] > _LEAST:
             Arrays(owner).refuse(name, "has a covariance that is not positive definite, which is no joint prior")
     return correlation
 
