@@ -141,8 +141,8 @@ def test_not_converged_is_not_sound(whiskjax, strips, tmp_path):
     result = whiskjax("adjust", strips, "--out", tmp_path / "out", *words)
     assert result.exit_code == 3 and names(tmp_path / "out") == WRITTEN - {"adjusted"}
     found = json_of(tmp_path / "out")
-    assert not found["verdict"]["is_sound"] and any("did not converge" in r for r in found["verdict"]["reasons"])
-    assert not found["standard"]["passes"] and "strict: not met in planimetry" in found["verdict"]["cautions"]
+    assert not found["verdict"]["is_sound"] and any("did not converge" in r["text"] for r in found["verdict"]["reasons"])
+    assert not found["standard"]["passes"] and "strict: not met in planimetry" in found["warnings"]
 
 
 @pytest.mark.parametrize(
@@ -189,8 +189,11 @@ def test_a_tie_seen_once_is_left_out_and_listed(whiskjax, copied):
     found = json_of(out)
     assert result.exit_code == 0 and found["seen_once"] == ["T7"] and found["left_out"] == []
     assert found["counts"]["points_seen_once"] == 1 and found["counts"]["rays_left_out"] == 0
-    assert "warning: seen by one ray only, which determines no point, and left out: point T7" in result.stdout.splitlines()
-    assert any("1 check or tie point is seen by one ray only" in said for said in found["verdict"]["cautions"])
+    assert (
+        "warning: 1 check or tie point is seen by one ray only, which determines no point, and left out: T7"
+        in result.stdout.splitlines()
+    )
+    assert any("1 check or tie point is seen by one ray only" in said for said in found["warnings"])
     (ray,) = [row for row in read_csv(out / "residuals.csv") if row["point"] == "T7"]
     (point,) = [row for row in read_csv(out / "adjusted_points.csv") if row["point"] == "T7"]
     assert (ray["used"], ray["x_px"], point["x_m"], point["rays"]) == ("no", "", "", "0")

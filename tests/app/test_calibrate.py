@@ -124,7 +124,7 @@ def test_an_unsound_result_is_written_and_ends_in_three(whiskjax, optimistic, tm
     assert "This calibration is not sound:" in result.stdout and "more than chance explains" in result.stdout
     assert names(out) == WRITTEN - {"calibrated"}
     verdict = json_of(out)["verdict"]
-    assert not verdict["is_sound"] and any("more than chance" in reason for reason in verdict["reasons"])
+    assert not verdict["is_sound"] and any("more than chance" in reason["text"] for reason in verdict["reasons"])
     assert "not sound" in (out / "report.html").read_text(encoding="utf-8")
 
 

@@ -266,7 +266,7 @@ def test_a_given_position_that_contradicts_ends_in_three(whiskjax, copied, locat
     result = whiskjax("locate", copied.path, "--out", tmp_path / "out", *ASKED)
     found = json_of(tmp_path / "out")
     assert result.exit_code == 3 and not found["verdict"]["is_sound"]
-    assert any("the given position lies" in reason for reason in found["verdict"]["reasons"])
+    assert any("the given position lies" in reason["text"] for reason in found["verdict"]["reasons"])
 
 
 def test_one_look_gives_a_line_and_no_answer(whiskjax, copied, located, tmp_path):

@@ -6,10 +6,9 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from whiskjax.estimate.diagnosis import chi_square_tail, consistency, warnings_of
 from whiskjax.estimate.losses import Cauchy, Huber
+from whiskjax.estimate.model_test import chi_square_tail, consistency
 from whiskjax.estimate.posterior import posterior
-from whiskjax.estimate.unknown import Unknown
 
 
 @given(st.integers(0, 10**6), st.integers(1, 8))
@@ -50,22 +49,6 @@ def test_consistency_verdict():
     assert consistency(260.0, 260)[2]
     assert consistency(120.0, 260)[2], "small residuals are no failure"
     assert not consistency(400.0, 260)[2]
-
-
-def test_warnings_name_both_thresholds():
-    unknowns = [Unknown(n, f"m.angles_rad[{i}]", 0.0, 1.0) for i, n in enumerate("abc")]
-    rng = np.random.default_rng(1)
-    z = rng.normal(size=(200, 3))
-    jac = 30 * np.stack([z[:, 0], z[:, 0] + 0.4 * z[:, 1], z[:, 2]], -1)
-    found = posterior(jac, np.ones(3), np.eye(3), "abc")
-    rho = found.correlation[0, 1]
-    assert -0.95 < rho < -0.9
-    assert any("a and b are strongly correlated" in w for w in warnings_of(unknowns, found, 1.0, 0.5, np.zeros(3)))
-    jac[:, 1] = 30 * (z[:, 0] + 0.1 * z[:, 1])
-    closer = posterior(jac, np.ones(3), np.eye(3), "abc")
-    said = warnings_of(unknowns, closer, 1.0, 0.5, np.array([0.0, 0.0, 4.0]))
-    assert any("a and b cannot be told apart" in w for w in said)
-    assert any("c ended 4.0 prior sigmas" in w for w in said)
 
 
 @pytest.mark.parametrize("loss", [Huber(1.5), Cauchy(1.5)])

@@ -47,7 +47,7 @@ def test_only_left_images(flight):
     assert any("determine 12 of 15 combinations" in w and "w_gps, omega_pos_left" in w for w in answer.warnings)
     assert answer.posterior.untouched == tuple(RIGHT.split(", ")) and answer.posterior.rank == 12
     for name in RIGHT.split(", "):
-        assert any(w.startswith(f"{name} is fixed by its prior: the data took 0.0%") for w in answer.warnings)
+        assert any(w.startswith("fixed by their priors alone") and name in w for w in answer.warnings)
     with pytest.raises(wj.SensorError, match=f"do not determine these unknowns: {RIGHT}.*priors.*Determined are u_gps, v_gps"):
         wj.calibrate(flight.sensor, left, without_priors(flight.unknowns))
 
@@ -81,7 +81,7 @@ def test_two_points(flight):
     with pytest.raises(wj.SensorError, match=r"do not determine these unknowns: u_gps.*determine 4 of 15 combinations"):
         wj.calibrate(flight.sensor, two, free)
     loose = wj.calibrate(flight.sensor, two, free, throw=False)
-    assert "there are no more observations and priors than unknowns: nothing checks the fit" in loose.warnings
+    assert "there are no more measurements and priors than unknowns: nothing checks the fit" in loose.warnings
     assert not any("nan" in w for w in loose.warnings) and not loose.is_sound
 
 

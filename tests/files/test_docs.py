@@ -10,7 +10,7 @@ import whiskjax as wj
 from tests.files.folder import Folder
 from whiskjax.chain.imaging import Projection
 from whiskjax.files import measured, navigation, schema, source
-from whiskjax.locate.location import LookByLook
+from whiskjax.locate.look_by_look import LookByLook
 
 PAGE = (Path(__file__).parents[2] / "docs" / "flight-folder.md").read_text()
 

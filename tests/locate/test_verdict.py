@@ -34,7 +34,7 @@ def test_gross_errors_are_gated_and_listed_and_change_nothing(run, spoilt, metho
     options = {"method": method, "errors": tianshan.frame_errors(), "throw": False}
     found = run.locate(run.looks_at(spoilt), gate=GATE, **options)
     assert found.gated == (7, 23)
-    assert any("2 of 40 looks did not pass the gate: 7, 23" in said for said in found.warnings)
+    assert any("2 of 40 looks did not pass the gate: look 7, look 23" in said for said in found.warnings)
     assert found.is_sound and found.freedom == 76
     clean = run.locate(run.looks_at(without(spoilt, GROSS)), **options)
     np.testing.assert_allclose(found.line_m, clean.line_m, rtol=0, atol=1e-6)

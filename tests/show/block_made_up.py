@@ -11,15 +11,17 @@ from tests.files import made_up
 from whiskjax.estimate.block.adjustment import Adjustment, Trust
 from whiskjax.estimate.block.direct import Direct
 from whiskjax.estimate.block.station_errors import StationErrors, at_stations, has_stations
+from whiskjax.estimate.check_points import UNTESTED, CheckTest
 from whiskjax.estimate.map_limits import Standard
+from whiskjax.estimate.reason import Reason, is_sound
 from whiskjax.estimate.variance_components import Components
-from whiskjax.estimate.verdict import UNTESTED, CheckTest, stretched
 from whiskjax.flights import songshan
 from whiskjax.flights.flight import Flight
-from whiskjax.rules.results import codes_of
 from whiskjax.show.block.adjusted import Adjusted
 
 SIGMA_M = np.array([0.02, 0.03, 0.07])  # of adjusted points: east, north, up
+NOT_DETERMINED = Reason("solution", "failure", "nothing determines u_gps", {"unknowns": ["u_gps"]})
+TOO_LARGE = Reason("consistency", "failure", "the residuals are 2 times as large as their sigmas say", {"sigma_factor": 2.0})
 LIMITS = Standard("our maps", 0.5, 0.4)
 
 
@@ -53,13 +55,13 @@ class MadeUp:
     is_consistent: bool
     steps: int
     result: wj.RESULTS
-    warnings: tuple[str, ...]
+    reasons: tuple[Reason, ...]
     check: CheckTest = UNTESTED
     left_out: tuple[str, ...] = ()
 
     @property
     def is_sound(self):
-        return int(codes_of(self.result)) == 0 and self.is_consistent and self.check.agrees and not stretched(self.components)
+        return is_sound(self.reasons)
 
     def errors_m(self, role):
         return Adjustment.errors_m(cast(Any, self), role)
@@ -100,7 +102,7 @@ def adjusted(flight: Flight, **more) -> Adjusted:
         "is_consistent": True,
         "steps": 5,
         "result": wj.RESULTS.successful,
-        "warnings": ("no point ties strip west to the other images: only POS and control hold them together",),
+        "reasons": (Reason("parts", "caution", "no point ties strip west to the other images", {"images": ["strip west"]}),),
     }
     return Adjusted(flight, cast(Any, MadeUp(**(fields | more))))
 
@@ -141,7 +143,11 @@ def _failed() -> Adjusted:
     stations = strips().sensor["pos_error"].stations
     q = len(strips().unknowns)
     trust = Trust(np.full((q, q), np.nan), np.full(q, np.nan), np.full((stations, 6), np.nan), np.full(q, np.nan))
-    return adjusted(strips(), covariance_m2=nan, trust=trust, result=wj.RESULTS.rank_deficient)
+    return adjusted(strips(), covariance_m2=nan, trust=trust, result=wj.RESULTS.rank_deficient, reasons=(NOT_DETERMINED,))
+
+
+def _not_consistent() -> Adjusted:
+    return adjusted(strips(), variance_factor=4.0, tail_probability=0.0, is_consistent=False, reasons=(TOO_LARGE,))
 
 
 def _unseen() -> Adjusted:
@@ -174,7 +180,7 @@ CASES = {
     "ties only": lambda: adjusted(with_roles(strips(), control="tie", check="tie")),
     "trajectory kept": lambda: adjusted(strips(), errors=(), motions=None),
     "limits missed": lambda: dataclasses.replace(adjusted(strips()), standard=Standard("strict", 0.001, 10.0)),
-    "not consistent": lambda: adjusted(strips(), variance_factor=4.0, tail_probability=0.0, is_consistent=False),
+    "not consistent": _not_consistent,
     "lines over the Earth": lambda: adjusted(_over_the_earth()),
     "frames": lambda: adjusted(made_up.frames()),
 }

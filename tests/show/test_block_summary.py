@@ -12,8 +12,6 @@ import whiskjax as wj
 from tests.oracles import ecef_from_ned, geodetic
 from tests.show.block_made_up import CASES, LIMITS, SIGMA_M, made, strips
 from tests.show.test_report import Page
-from whiskjax.estimate.variance_components import Components
-from whiskjax.estimate.verdict import CheckTest
 from whiskjax.flights.songshan_draw import start_s
 from whiskjax.show.block.charts import draw_charts
 from whiskjax.show.block.page import make_report
@@ -79,7 +77,7 @@ def test_limits():
     assert not missed["passes"] and [row["passes"] for row in missed["limits"]] == [False, True]
     assert not none["passes"] and [row["passes"] for row in none["limits"]] == [None, None]
     assert summarise(made("left out"))["standard"] is None
-    assert any("strict: not met in planimetry" in c for c in summarise(made("limits missed"))["verdict"]["cautions"])
+    assert any("strict: not met in planimetry" in c for c in summarise(made("limits missed"))["warnings"])
     # What a standard says does not make a result unsound.
     assert summarise(made("limits missed"))["verdict"]["is_sound"]
 
@@ -96,7 +94,7 @@ def test_a_ray_left_out_is_named():
     (row,) = summary["left_out"]
     assert (row["image"], row["point"], row["x_px"]) == (block.images[200], block.points[block.point[200]], 50.0)
     assert all(abs(row["x_px"]) < 10 for row in summary["largest_residuals"]) and summary["weights"][0]["group"] == "tie rays"
-    assert "1 ray was left out as wrong" in summary["verdict"]["cautions"]
+    assert summary["counts"]["rays_left_out"] == 1
 
 
 def test_direct_positioning_before_and_after():
@@ -106,23 +104,16 @@ def test_direct_positioning_before_and_after():
         assert after["rmse_m"] == pytest.approx(before["rmse_m"] / 100, rel=1e-12)
 
 
-def test_check_points_and_weights_that_contradict_are_reasons():
-    check = CheckTest(4e6, 42, 0.0, ("point P40",), (640.0,))
-    parts = Components(("tie rays",), np.array([False]), np.array([400]), np.array([0.1]), np.array([0.05]))
-    adjusted = made("sound")
-    odd = dataclasses.replace(adjusted, adjustment=dataclasses.replace(adjusted.adjustment, check=check, components=parts))
-    found = summarise(odd)
-    assert not found["verdict"]["is_sound"] and found["check"]["worst"] == [{"name": "point P40", "sigmas": 640.0}]
-    assert any("contradict the answer" in r and "point P40" in r for r in found["verdict"]["reasons"])
-    assert any("the sigma of tie rays would have to be 0.1 times" in r for r in found["verdict"]["reasons"])
-
-
 def test_verdicts():
-    assert any("do not determine these unknowns" in r for r in summarise(made("failed"))["verdict"]["reasons"])
-    assert any("more than chance explains" in r for r in summarise(made("not consistent"))["verdict"]["reasons"])
-    assert any("no check points" in c for c in summarise(made("no check"))["verdict"]["cautions"])
-    assert any("no control point" in c for c in summarise(made("no control"))["verdict"]["cautions"])
-    assert any("1 point of the flight is seen by no image" in c for c in summarise(made("a point unseen"))["verdict"]["cautions"])
+    """What the adjustment says comes first where it fails; what only its flight knows is added."""
+    for case, kind in (("failed", "solution"), ("not consistent", "consistency")):
+        summary, adjusted = summarise(made(case)), made(case)
+        first = summary["verdict"]["reasons"][0]
+        assert (first["kind"], first["grade"]) == (kind, "failure") and not summary["verdict"]["is_sound"]
+        assert first["figures"] == adjusted.adjustment.reasons[0].figures
+    assert any("1 point of the flight is seen by no image" in said for said in summarise(made("a point unseen"))["warnings"])
+    told = summarise(made("sound"))["verdict"]["reasons"]
+    assert ("limits", "note") in [(reason["kind"], reason["grade"]) for reason in told]
 
 
 def test_residuals_on_the_ground():

@@ -12,6 +12,7 @@ from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
+from .terminal import print_answer
 
 if TYPE_CHECKING:
     from ..estimate.map_limits import Standard
@@ -175,33 +176,11 @@ def _write(folder: Path, adjusted: "Adjusted", summary: "Summary", drawings: "li
 
 
 def _print(summary: "Summary", out: Path) -> None:
-    """Tables first, the verdict last: it is what stays in view."""
-    from rich.console import Console
-    from rich.text import Text
-
     from ..show.block.tables import all_tables
-    from ..show.tables import for_terminal
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=100)
-
-    def say(text: str, style: str = "") -> None:
-        console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
-
-    say(summary["flight"], "bold")
-    for table in all_tables(summary):
-        console.print()
-        console.print(for_terminal(table))
-    verdict, fit = summary["verdict"], summary["fit"]
-    console.print()
+    fit = summary["fit"]
     factor = "" if fit["variance_factor"] is None else f"; variance factor {fit['variance_factor']:.3f}"
-    say(f"{summary['solver']['steps']} steps{factor}; {fit['degrees_of_freedom']} degrees of freedom")
-    for warning in summary["warnings"]:
-        say(f"warning: {warning}", "yellow")
-    console.print()
-    say(f"This adjustment is {verdict['word']}:", "bold green" if verdict["is_sound"] else "bold red")
-    for sentence in (*verdict["reasons"], *verdict["cautions"]):
-        say(f"  - {sentence}")
-    flight = ", adjusted/ (the flight with its new sensor)" if verdict["is_sound"] else ""
-    say(f"Written to {out}: report.html, results.json, CSV tables, figures{flight}")
+    head = [f"{summary['solver']['steps']} steps{factor}; {fit['degrees_of_freedom']} degrees of freedom"]
+    flight = ", adjusted/ (the flight with its new sensor)" if summary["verdict"]["is_sound"] else ""
+    written = f"Written to {out}: report.html, results.json, CSV tables, figures{flight}"
+    print_answer("adjustment", summary, head, all_tables(summary), written)

@@ -11,6 +11,7 @@ from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
+from .terminal import print_answer
 
 if TYPE_CHECKING:
     from ..estimate.calibration import Calibration
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from ..show.style import Drawing
 
 _BOUND = 2.5
-_WARNINGS_SHOWN = 12
 _OURS = (
     "results.json",
     "report.html",
@@ -128,47 +128,17 @@ def _write(folder: Path, calibration: "Calibration", flight: "Flight", summary: 
 
 
 def _print(summary: "Summary", out: Path) -> None:
-    """Tables first, the verdict last: it is what stays in view."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from ..show.calibration.tables import blunders, largest, parameters, residuals, sizes
-    from ..show.tables import for_terminal, weights
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=100)
-
-    def say(text: str, lead: str = "", style: str = "") -> None:
-        """Text behind a lead; wrapped beside it on a terminal, and one line each in a file."""
-        if not console.is_terminal or not lead:
-            console.print(Text(lead + text, style=style), soft_wrap=not console.is_terminal)
-            return
-        grid = Table.grid()
-        grid.add_row(Text(lead, style=style), Text(text))
-        console.print(grid)
+    from ..show.tables import weights
 
     counts: dict[str, Any] = summary["counts"]
-    say(summary["flight"], style="bold")
-    say(
+    head = [
         f"{counts['control_observations']} control and {counts['check_observations']} check observations in "
         f"{counts['images']} image{'' if counts['images'] == 1 else 's'}, {summary['determined']['unknowns']} unknowns"
-    )
+    ]
     if counts["tie_observations_left_out"]:
-        say(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")
+        head.append(f"{counts['tie_observations_left_out']} observations of tie points, which have no coordinates, take no part")
     tables = (parameters(summary), residuals(summary), sizes(summary), weights(summary), blunders(summary), largest(summary))
-    for table in filter(None, tables):
-        console.print()
-        console.print(for_terminal(table))
-    verdict, warnings = summary["verdict"], summary["warnings"]
-    console.print()
-    more = len(warnings) - _WARNINGS_SHOWN
-    for warning in [*warnings[:_WARNINGS_SHOWN], *([f"and {more} more in results.json"] if more > 0 else [])]:
-        say(warning, "warning: ", "yellow")
-    console.print()
-    say(f"This calibration is {verdict['word']}:", style="bold green" if verdict["is_sound"] else "bold red")
-    for sentence in (*verdict["reasons"], *verdict["cautions"]):
-        say(sentence, "  - ")
-    calibrated = "" if verdict["is_sound"] else " (no calibrated flight: the result is not sound)"
-    say(f"Written to {out}: report.html, results.json, tables and figures{calibrated}")
+    calibrated = "" if summary["verdict"]["is_sound"] else " (no calibrated flight: the result is not sound)"
+    written = f"Written to {out}: report.html, results.json, tables and figures{calibrated}"
+    print_answer("calibration", summary, head, tables, written)

@@ -13,6 +13,7 @@ from .command import command_text
 from .failure import NOT_SOUND, answers_failures
 from .output import refuse_place, result_folder, write_report
 from .start import start_jax
+from .terminal import print_answer
 
 if TYPE_CHECKING:
     from ..estimate.unknown import Unknown
@@ -292,36 +293,10 @@ def _write_maps(folder: Path, sighting: "Sighting", summary: "Summary") -> "Summ
 
 
 def _print(summary: "Summary", out: Path) -> None:
-    """Tables first, the verdict last: it is what stays in view."""
-    from rich.console import Console
-    from rich.text import Text
-
-    from ..show.tables import for_terminal
     from ..show.target.tables import all_tables
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=100)
-
-    def say(text: str, style: str = "") -> None:
-        console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
-
-    say(summary["flight"], "bold")
-    say(f"{summary['looks']['looks']} looks at {summary['label']}, method: {summary['method']}")
-    for remark in summary["remarks"]:
-        say(remark)
-    for table in all_tables(summary):
-        console.print()
-        console.print(for_terminal(table))
-    verdict = summary["verdict"]
-    console.print()
-    for warning in summary["warnings"]:
-        if warning not in verdict["reasons"]:
-            say(f"warning: {warning}", "yellow")
-    console.print()
-    say(f"This location is {verdict['word']}:", "bold green" if verdict["is_sound"] else "bold red")
-    for sentence in (*verdict["reasons"], *verdict["cautions"]):
-        say(f"  - {sentence}")
+    head = [f"{summary['looks']['looks']} looks at {summary['label']}, method: {summary['method']}", *summary["remarks"]]
     maps = summary["maps"]
     written = f", {', '.join(maps['written'])}" if maps["written"] else f" (no map: {maps['reason']})"
-    say(f"Written to {out}: report.html, results.json, looks.csv, figures{written}")
+    written = f"Written to {out}: report.html, results.json, looks.csv, figures{written}"
+    print_answer("location", summary, head, all_tables(summary), written)

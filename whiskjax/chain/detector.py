@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import Vec2, unstack
-from ..rules import SensorError
+from ..rules import SensorError, plain
 from ..rules.results import message_of
 from .camera import AbstractCamera
 from .sensor import Sensor
@@ -43,25 +43,9 @@ def _codes(sensor: Sensor, shot: Shot, pixel_px: Float[Any, "n 2"]) -> Int[Array
     return jax.tree.leaves(result)[0] + jnp.zeros(pixel_px.shape[0], dtype=jnp.int32)
 
 
-def beside_detector(
-    sensor: Sensor, shot: Shot, pixel_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"], label: Callable[[int], str]
-) -> list[str]:
-    """What to say of measurements that were used and lie far beside the detector: the first by name, and how many there are.
-
-    **Arguments:** `label`: what the i-th of them is called.
-    """
-    return said_beside(np.asarray(_beside(sensor, shot, np.asarray(pixel_px))) & used, label)
-
-
-def said_beside(wrong: Bool[np.ndarray, " n"], label: Callable[[int], str]) -> list[str]:
-    """The sentence, where some are wrong."""
-    if not wrong.any():
-        return []
-    more = f" ({wrong.sum()} of {len(wrong)} do)" if wrong.sum() > 1 else ""
-    return [
-        f"{label(int(np.argmax(wrong)))} lies far beside the detector{more}: are line and sample exchanged, does a number stand "
-        "for missing data, or has the detector another size?"
-    ]
+def lies_beside(sensor: Sensor, shot: Shot, pixel_px: Float[Any, "n 2"]) -> Bool[Any, " n"]:
+    """Measurements that lie far beside the detector; traceable."""
+    return plain(_beside(sensor, shot, plain(pixel_px)))
 
 
 def refuse_pixels_without_direction(

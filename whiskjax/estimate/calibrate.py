@@ -17,6 +17,7 @@ from ..rules.progress import tell
 from ..rules.results import codes_of, failure_if, is_successful, message_of
 from .blunders import Blunders, data_snooping
 from .calibration import BLUNDER, Calibration, Considered
+from .checks import ended
 from .error_effects import common_columns_px
 from .errors import FrameErrors, need_errors
 from .estimate import Estimate
@@ -263,7 +264,7 @@ def _raise(answer: Calibration) -> None:
     if (code := int(codes_of(answer.result))) == 0:
         return
     if answer.posterior.is_determined and answer._here.unseen.any():
-        raise SensorError(f"calibrate: {answer.warnings[0]}")
+        raise SensorError(f"calibrate: {ended(answer.evidence)}")
     named = ""
     if not answer.posterior.is_determined:
         told = list(zip([x.name for x in answer.unknowns], np.isfinite(answer.posterior.sigma), strict=True))

@@ -5,23 +5,27 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..chain.detector import beside_detector
+from ..chain.detector import lies_beside
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, arrays_of
-from ..rules.results import is_successful
-from .diagnosis import consistency, kinked, lopsided, repeated, warnings_of
+from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
+from .checks import CHECKS
 from .estimate import Estimate
-from .linearised import LeastSquares, Linearised, impossible
+from .evidence import Evidence, Words, kinks, numbered, records
+from .linearised import LeastSquares, Linearised
+from .model_test import consistency
 from .observations import Observations
 from .posterior import Posterior, posterior
+from .reason import Reason, by_weight, is_sound, judged, warnings
 from .reliability import Reliability, log_density, of_common_points, reliability
 from .unknown import Unknown
 from .variance_components import Components
-from .verdict import UNTESTED, CheckTest, check_test, contradictions, joint_chi_square, stretched
 
+_REMEDY = "the model lacks something, or the sigmas are too small, or there are blunders"
 # Under a robust loss, a residual of more sigmas than this is a blunder and does not count in the model test (chance: 3e-4).
 BLUNDER = 4.0
 
@@ -143,10 +147,10 @@ class Calibration(eqx.Module):
         at = self._told
         control = at.observations.is_control
         kept = at.used if at._ready.problem.loss is None else at.used & (at._here.squared <= BLUNDER**2)
-        factor, tail, sound = consistency(float(at.estimate.cost), freedom := int(at.estimate.freedom))
-        sound = sound and bool(kept.sum() > (1 - self._most) * control.sum())
+        factor, tail, sound = consistency(at.estimate.cost, at.estimate.freedom)
+        sound = bool(sound) and bool(kept.sum() > (1 - self._most) * control.sum())
         check = _checked(at._ready, at._here, at._common, ~control) if self.posterior.is_determined else UNTESTED
-        return Fit(factor, tail, sound, freedom, check)
+        return Fit(float(factor), float(tail), sound, int(at.estimate.freedom), check)
 
     @property
     def _common(self) -> Float[np.ndarray, "n 2 m"]:
@@ -171,28 +175,59 @@ class Calibration(eqx.Module):
         return log_density(at._ready, at._here, at._formal, ~at.observations.is_control)
 
     @property
-    def is_sound(self) -> bool:
-        """Converged, every unknown determined (by data or prior), consistent with its own sigmas and with the check points, and
-        no sigma stretched beyond reason (verdict.py)."""
-        solved = bool(is_successful(self.result)) and self.posterior.is_determined
-        return solved and self.fit.is_consistent and self.fit.check.agrees and not stretched(self.components)
+    def evidence(self) -> Evidence:
+        """What the checks of the verdict see; under tracing without check points."""
+        traced = arrays_of(self.estimate.covariance) is jnp
+        at = self if traced else self._told
+        seen, here, ready = at.observations, at._here, at._ready
+        math, control = arrays_of((here.rows, at.used)), at.observations.is_control
+        kept = at.used if ready.problem.loss is None else at.used & (here.squared <= BLUNDER**2)
+        rows = math.sqrt(math.where(at.used, at._share, 0.0))[:, None, None] * here.rows
+        factor, tail, *_ = consistency(at.estimate.cost, at.estimate.freedom) if traced else self.fit
+        images = seen.images or ("",) * len(seen)
+        outliers = "control observations were left out as blunders"
+        if ready.problem.loss is not None:
+            outliers = f"control observations lie beyond {BLUNDER:g} sigma and count as blunders"
+        return Evidence(
+            estimate=at.estimate,
+            estimated=np.ones(len(at.unknowns), dtype=bool),
+            shift=math.where(math.asarray(ready.has_prior), here.u, math.nan),
+            scale=ready.scale,
+            rows=rows.reshape(-1, len(at.unknowns)),
+            variance_factor=factor,
+            freedom=at.estimate.freedom,
+            tail=tail,
+            candidate=control,
+            used=at.used,
+            outlying=control & ~kept,
+            code=here.unseen,
+            beside=lies_beside(self.sensor, seen.shot, seen.pixel_px),
+            record=records(seen.shot, seen.point_m, seen.pixel_px),
+            image=numbered(images),
+            most=self._most,
+            kinks=kinks(self.sensor, at.estimate),
+            label=seen.label,
+            images=tuple(sorted(set(images))),
+            words=Words("the iteration converged", "control points", "control observation", "residuals", outliers, _REMEDY),
+            check=None if traced else self.fit.check,
+            components=at.components,
+        )
 
     @cached_property
+    def reasons(self) -> tuple[Reason, ...]:
+        """What speaks for and against the calibration, failures first."""
+        return by_weight(judged(CHECKS, self.evidence))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing fails it: it converged, every unknown is determined (by data or prior), residuals and check points are
+        no farther off than chance explains, few control points were left out, and no sigma is stretched beyond reason."""
+        return is_sound(self.reasons)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What a careful person would say, the most serious first."""
-        at = self._told
-        here, observations = at._here, at.observations
-        lost = [] if not here.unseen.any() else [f"where the iteration ended, {impossible(here.unseen, observations)}"]
-        shift = np.where(at._ready.has_prior, here.u, np.nan)
-        return (
-            *lost,
-            *contradictions(self.fit.check, self.components),
-            *beside_detector(self.sensor, observations.shot, observations.pixel_px, at.used, observations.label),
-            *repeated(observations, at.used),
-            *lopsided(observations, at.used),
-            *kinked(self.sensor, self.unknowns),
-            *warnings_of(self.unknowns, self.posterior, self.fit.variance_factor, self.fit.tail_probability, shift),
-        )
+        return warnings(self.reasons)
 
     @property
     def blunders(self) -> tuple[str, ...]:

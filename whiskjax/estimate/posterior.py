@@ -5,9 +5,12 @@ Host side (numpy): small matrices, once, after the solver; kept apart from it so
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+from ..rules import arrays_of
 
 # A direction counts as undetermined where its singular value, columns scaled to one, is below this share of the largest: well
 # above what rounding leaves of an exact zero (1e-13), well below the weakest real ones seen (1e-9 in the 12 unknowns of Jin et
@@ -47,24 +50,37 @@ class Posterior:
         return dataclasses.replace(self, covariance=covariance, sigma=sigma, correlation=covariance / np.outer(sigma, sigma))
 
 
-def _null_space(jacobian: Float[np.ndarray, "rows k"]) -> tuple[int, Float[np.ndarray, "nullity k"], float]:
-    """Structural rank, a null space and the condition number of the Jacobian, its columns scaled to length one.
+class Rank(NamedTuple):
+    """Structural rank of a Jacobian, its columns scaled to length one; of its right singular vectors (k, k), those from `rank` on
+    span the null space. `length` is that of the columns, 1 for zeros; `condition` that of the scaled Jacobian.
 
     So scaled, the parts of a null vector say what each unknown does to the residuals, whatever its unit.
     """
-    length = _length(jacobian)
-    scaled = jacobian / length
-    triangle = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > scaled.shape[1] else scaled
-    _, values, vectors = np.linalg.svd(triangle, full_matrices=True)
-    values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
-    rank = int((values > RANK_TOLERANCE * values[0]).sum()) if values[0] > 0 else 0
-    condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    return rank, _separate(vectors[rank:]), condition
+
+    rank: Any
+    vectors: Float[Any, "k k"]
+    length: Float[Any, " k"]
+    condition: Any
 
 
-def _length(jacobian: Float[np.ndarray, "rows k"]) -> Float[np.ndarray, " k"]:
-    length = np.linalg.norm(jacobian, axis=0)
-    return np.where(length > 0, length, 1.0)
+def rank_of(jacobian: Float[Any, "rows k"]) -> Rank:
+    """The rank, traced or not."""
+    math, k = arrays_of(jacobian), jacobian.shape[1]
+    length = math.linalg.norm(jacobian, axis=0)
+    length = math.where(length > 0, length, 1.0)
+    scaled = jacobian / length[None]
+    triangle = math.linalg.qr(scaled, mode="r") if scaled.shape[0] > k else scaled
+    _, values, vectors = math.linalg.svd(triangle, full_matrices=True)
+    values = math.concatenate([values, np.zeros(k - len(values))])
+    rank = ((values > RANK_TOLERANCE * values[0]) & (values > 0)).sum()
+    condition = math.where(values[-1] > 0, values[0] / math.where(values[-1] > 0, values[-1], 1.0), math.inf)
+    return Rank(rank, vectors, length, condition)
+
+
+def directions(found: Rank, scale: Float[np.ndarray, " k"], names: Sequence[str]) -> tuple[dict[str, float], ...]:
+    """Moves of the unknowns that change no residual, in the units of the fields; the largest part is one `scale`."""
+    null = _separate(found.vectors[int(found.rank) :])
+    return tuple(_named(v, v / found.length, scale, names) for v in null)
 
 
 def _separate(null: Float[np.ndarray, "nullity k"]) -> Float[np.ndarray, "nullity k"]:
@@ -104,14 +120,14 @@ def posterior(
     - `names`: of the unknowns.
     """
     k = len(scale)
-    rank, null, condition = _null_space(jacobian)
+    found = rank_of(jacobian)
     has_prior = (prior != 0).any(axis=1)
     full = np.concatenate([jacobian, prior[has_prior]])
-    total_rank, total_null, _ = _null_space(full)
-    if total_rank < k:
+    total = rank_of(full)
+    if total.rank < k:
         # Unknowns with a part in the null space of everything have no variance; the others keep theirs (pseudo-inverse).
         whitened = np.linalg.pinv(full.T @ full, hermitian=True, rcond=RANK_TOLERANCE)
-        lost = (np.abs(total_null) > 1e-6).any(axis=0)
+        lost = (np.abs(_separate(total.vectors[total.rank :])) > 1e-6).any(axis=0)
         whitened[lost, :] = whitened[:, lost] = np.nan
         whitened[lost, lost] = np.inf
     else:
@@ -123,6 +139,6 @@ def posterior(
         correlation = whitened / np.outer(sigma_u, sigma_u)
         share = np.where(has_prior, 1 - sigma_u**2, np.nan)
     untouched = (jacobian == 0).all(axis=0)
-    directions = tuple(_named(v, v / _length(jacobian), scale, names) for v in null)
     named = tuple(name for name, unseen in zip(names, untouched, strict=True) if unseen)
-    return Posterior(covariance, sigma_u * scale, correlation, share, rank, directions, named, condition)
+    sigma, moves = sigma_u * scale, directions(found, scale, names)
+    return Posterior(covariance, sigma, correlation, share, int(found.rank), moves, named, float(found.condition))

@@ -9,7 +9,7 @@ import numpy as np
 from ..chain.shot import KEYS
 from ..rules import WhiskjaxError, need
 from .calibration import Calibration
-from .diagnosis import chi_square_tail
+from .model_test import chi_square_tail
 
 
 class Candidate(NamedTuple):

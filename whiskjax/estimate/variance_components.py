@@ -22,6 +22,8 @@ from .observations import Observations
 from .unknown import Unknown
 
 _AXES = ("x", "y")
+# Sigmas that are only guessed are wrong by 2 or 3; beyond this factor the errors are of another kind than was said.
+STRETCHED, _SURE = 5.0, 2.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,6 +65,12 @@ class Components(NamedTuple):
     count: Int[np.ndarray, " groups"]
     factor: Float[np.ndarray, " groups"]
     log_sigma: Float[np.ndarray, " groups"]
+
+    @property
+    def is_stretched(self) -> Bool[np.ndarray, " groups"]:
+        """Groups whose sigma would have to be another by more than five times, either way, and surely so: 2 of its own log
+        sigmas."""
+        return np.abs(np.log(self.factor)) - _SURE * self.log_sigma > math.log(STRETCHED)
 
 
 class Grouping(NamedTuple):

@@ -15,17 +15,20 @@ from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
+from ..estimate.checks import ended
 from ..estimate.errors import FrameErrors, need_errors
 from ..estimate.estimate import Estimate
+from ..estimate.evidence import kinks, records
 from ..estimate.given import Knowledge
 from ..estimate.level import refuse_unknown_up
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
-from ..rules.results import choose, codes_of, failure_if, is_successful, message_of
+from ..rules.results import choose, codes_of, failure_if, is_successful
 from .all_looks import Solved, at_last, solve
 from .filter import Step, run
 from .guess import Guess, first_guess, take_sigma
-from .location import Location, LookByLook, impossible_looks
+from .location import Location
+from .look_by_look import LookByLook
 from .looks import Looks
 from .model import Model
 from .motion import ConstantVelocity
@@ -201,7 +204,11 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         line_direction=direction,
         line_sigma_m=line_sigma,
         result=result,
-        considers=0 in model.nuisance.share,
+        shift=state[kinematic:],
+        record=records(problem.looks.shot, problem.looks.pixel_px),
+        is_estimated=tuple(share == 1 for share in model.nuisance.share),
+        kinks=kinks(problem.sensor, numbers),
+        method=method,
     )
 
 
@@ -274,11 +281,10 @@ def _first_code(of_looks: RESULTS) -> RESULTS:
 
 def _raise(answer: Location) -> None:
     """The failure in words; where the distance is not observable, the line on which the target lies."""
-    if answer.result.is_traced() or (code := int(codes_of(answer.result))) == 0:
+    if answer.result.is_traced() or int(codes_of(answer.result)) == 0:
         return
     line = ""
     if bool(answer.result == RESULTS.depth_unobservable):
         point, direction = (np.asarray(v).round(6).tolist() for v in (answer.line_m, answer.line_direction))
         line = f". The line: through {point} m along {direction} (world frame)"
-    named = "".join(f"; {said}" for said in impossible_looks(answer))
-    raise SensorError(f"locate: {message_of(code)}{named}{line}")
+    raise SensorError(f"locate: {ended(answer.evidence)}{line}")

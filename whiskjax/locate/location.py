@@ -1,57 +1,28 @@
 """What the looks say about the target, and whether to believe it."""
 
 import math
+from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ..chain.detector import said_beside
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
-from ..estimate.diagnosis import UNLIKELY, chi_square_tail
+from ..estimate.checks import CHECKS
 from ..estimate.estimate import Estimate
-from ..rules import RESULTS, Numbers
-from ..rules.results import codes_of, is_successful, message_of
+from ..estimate.evidence import Evidence, Words
+from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
+from ..estimate.reason import Reason, by_weight, is_sound, judged, warnings
+from ..rules import RESULTS, Numbers, arrays_of
+from ..rules.results import codes_of
+from .look_by_look import LOOK_CHECKS, LookByLook, Sight
 
-_WEAK_RAD = math.radians(2.0)
-_SHOWN = 10
-
-
-class LookByLook(eqx.Module):
-    """What happened at every look, (looks, ...).
-
-    `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
-    before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
-    residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
-    whether its pose is known, `at_end` whether it can have seen the target where the estimate ended, `is_beside` whether it was
-    measured far beside the detector.
-
-    Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
-    one line is `px_per_line` of them.
-    """
-
-    point_m: Float[Array, "looks 3"]
-    covariance_enu_m2: Float[Array, "looks 3 3"]
-    innovation_px: Float[Array, "looks 2"]
-    innovation_covariance_px2: Float[Array, "looks 2 2"]
-    nis: Float[Array, " looks"]
-    is_missed: Bool[Array, " looks"]
-    result: RESULTS
-    counts: Bool[Array, " looks"]
-    passes: Bool[Array, " looks"]
-    at_end: RESULTS
-    is_beside: Bool[Array, " looks"]
-
-    @property
-    def is_used(self) -> Bool[Array, " looks"]:
-        """Which looks changed the estimate."""
-        return self.counts & self.passes
-
-    @property
-    def impossible(self) -> Bool[Array, " looks"]:
-        """Looks that changed the estimate, and cannot have seen the target where it ended."""
-        return self.is_used & ~is_successful(self.at_end)
+_REMEDY = (
+    "errors of the recorded poses are missing (errors=...), or are common to all looks (consider=..., estimate=...); do not "
+    "believe the covariance"
+)
 
 
 class Location(eqx.Module):
@@ -69,6 +40,8 @@ class Location(eqx.Module):
     - `convergence_rad`: the largest angle at the target between two lines of sight that were used.
     - `line_m`, `line_direction`: where the estimate ended, and the direction (unit vector of the world frame) of which the looks
       alone know least, with `line_sigma_m` as 1-sigma: the line on which the target lies where its distance is not observable.
+    - `shift`: of each number, in prior sigmas, (k,); `is_estimated`: which were estimated, and not considered.
+    - `record`: numbers that tell one look from another; `kinks`: delays whose cost has kinks, and the links that cause them.
     """
 
     point_m: Float[Array, "3"]
@@ -83,7 +56,11 @@ class Location(eqx.Module):
     line_direction: Float[Array, "3"]
     line_sigma_m: Float[Array, ""]
     result: RESULTS
-    considers: bool = eqx.field(static=True)
+    shift: Float[Array, " k"]
+    record: Float[Array, "looks d"]
+    is_estimated: tuple[bool, ...] = eqx.field(static=True)
+    kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    method: str = eqx.field(static=True)
 
     @property
     def chi_square(self) -> Float[Array, ""]:
@@ -116,6 +93,11 @@ class Location(eqx.Module):
         return int(self.looks.is_missed.sum())
 
     @property
+    def considers(self) -> bool:
+        """Whether some number was considered."""
+        return not all(self.is_estimated)
+
+    @property
     def freedom(self) -> int:
         """Degrees of freedom of `chi_square`."""
         return 2 * int(self.looks.is_used.sum())
@@ -124,9 +106,16 @@ class Location(eqx.Module):
     def tail_probability(self) -> float:
         """How often chance alone gives a `chi_square` as large. Considered errors are common to all looks, whose NIS then are not
         independent: at worst they are one and the same, and their mean is judged as a single one."""
-        if self.considers and self.freedom:
-            return math.exp(-float(self.chi_square) / self.freedom)
-        return chi_square_tail(float(self.chi_square), self.freedom)
+        return float(self._tail)
+
+    @property
+    def _tail(self) -> Any:
+        freedom = self.estimate.freedom
+        if self.considers:
+            factor, *_ = consistency(self.chi_square, freedom)
+            math = arrays_of(factor)
+            return math.exp(-math.nan_to_num(factor))
+        return chi_square_tail(self.chi_square, freedom)
 
     @property
     def is_consistent(self) -> bool:
@@ -134,49 +123,53 @@ class Location(eqx.Module):
         return self.tail_probability > UNLIKELY and 2 * len(self.gated) <= int(self.looks.counts.sum())
 
     @property
+    def evidence(self) -> Evidence:
+        """What the checks of the verdict see."""
+        looks, n = self.looks, self.looks.nis.shape[0]
+        how = (
+            "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
+        )
+        return Evidence(
+            estimate=self.estimate,
+            estimated=np.array(self.is_estimated, dtype=bool),
+            shift=self.shift,
+            scale=np.ones(len(self.is_estimated)),
+            rows=None,
+            variance_factor=consistency(self.chi_square, self.estimate.freedom)[0],
+            freedom=self.estimate.freedom,
+            tail=self._tail,
+            candidate=looks.counts,
+            used=looks.is_used,
+            outlying=looks.counts & ~looks.passes,
+            code=arrays_of(looks.nis).where(looks.impossible, codes_of(looks.at_end), 0),
+            beside=looks.is_beside,
+            record=self.record,
+            image=np.zeros(n, dtype=int),
+            most=0.5,
+            kinks=self.kinks,
+            label=_label,
+            images=("",),
+            words=Words(how, "looks", "look", "innovations", "looks did not pass the gate", _REMEDY),
+        )
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """What speaks for and against the location, failures first."""
+        known = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
+        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m)
+        return by_weight([*judged(CHECKS, known.evidence), *judged(LOOK_CHECKS, sight)])
+
+    @property
     def is_sound(self) -> bool:
-        """An answer whose covariance can be believed, as far as the looks can tell."""
-        return bool(is_successful(self.result)) and self.is_consistent
+        """Whether nothing fails it: an answer whose covariance can be believed, as far as the looks can tell."""
+        return is_sound(self.reasons)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a careful person would say, the most serious first."""
-        said = []
-        if not bool(is_successful(self.result)):
-            said.append(message_of(int(codes_of(self.result))))
-        said += impossible_looks(self)
-        n, used = self.looks.nis.shape[0], int(self.looks.is_used.sum())
-        said += said_beside(np.asarray(self.looks.is_beside & self.looks.passes & ~self.looks.is_missed), lambda i: f"look {i}")
-        if self.tail_probability <= UNLIKELY:
-            factor = float(self.chi_square) / max(self.freedom, 1)
-            said.append(
-                f"innovations are {math.sqrt(factor):.3g} times as large as their covariance says: errors of the recorded poses "
-                "are missing (errors=...), or are common to all looks (consider=..., estimate=...); do not believe the covariance"
-            )
-        if self.gated:
-            named = ", ".join(map(str, self.gated[:_SHOWN])) + (", ..." if len(self.gated) > _SHOWN else "")
-            said.append(f"{len(self.gated)} of {n} looks did not pass the gate: {named}")
-        codes = codes_of(self.looks.result)
-        for code in np.unique(codes[codes != 0]).tolist():
-            said.append(f"{int((codes == code).sum())} of {n} looks were left out: {message_of(code)}")
-        unseen = int((~self.looks.counts & ~self.looks.is_missed & (codes == 0)).sum())
-        if unseen:
-            said.append(f"in {unseen} of {n} looks the target is behind the camera; they were left out")
-        if self.missed:
-            said.append(f"{self.missed} of {n} looks have no measurement")
-        if used > 1 and float(self.convergence_rad) < _WEAK_RAD:
-            said.append(
-                f"the lines of sight meet at {math.degrees(float(self.convergence_rad)):.2g} deg only: the distance is known to "
-                f"{float(self.line_sigma_m):.3g} m (1-sigma, looks alone)"
-            )
-        return tuple(said)
+        return warnings(self.reasons)
 
 
-def impossible_looks(answer: Location) -> list[str]:
-    """Names the first look that cannot have seen the target where the estimate ended, and how many there are; empty for none."""
-    wrong = np.flatnonzero(np.asarray(answer.looks.impossible))
-    if not wrong.size:
-        return []
-    more = f" ({len(wrong)} of {answer.looks.nis.shape[0]} looks fail)" if len(wrong) > 1 else ""
-    code = int(codes_of(answer.looks.at_end)[wrong[0]])
-    return [f"where the estimate ended, look {wrong[0]}: {message_of(code)}{more}"]
+def _label(i: int) -> str:
+    """A look, named for people."""
+    return f"look {i}"

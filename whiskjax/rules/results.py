@@ -4,6 +4,8 @@ A member survives `jit` and `vmap` as an integer array; its value is the message
 outside `jit`, raise it unless `throw=False`.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from .errors import SensorError
+from .precision import plain
 
 
 class RESULTS(eqx.Enumeration):
@@ -68,9 +71,9 @@ def is_successful(result: RESULTS) -> Bool[Array, "..."]:
     return result == RESULTS.successful
 
 
-def codes_of(result: RESULTS) -> np.ndarray:
-    """The integers behind a result that is not traced; 0 is success."""
-    return np.asarray(jax.tree.leaves(result)[0])
+def codes_of(result: RESULTS) -> Any:
+    """The integers behind a result, of its shape; 0 is success."""
+    return plain(jax.tree.leaves(result)[0])
 
 
 def message_of(code: int) -> str:

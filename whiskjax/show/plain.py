@@ -2,16 +2,15 @@
 
 import math
 import platform
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
-from ..estimate.diagnosis import UNLIKELY
+from ..estimate.check_points import CheckTest
+from ..estimate.reason import Reason, by_weight, is_sound
 from ..estimate.variance_components import Components
-from ..estimate.verdict import CheckTest, stretched
 from ..rules import RESULTS
 from ..rules.results import codes_of, message_of
-
-PRIOR_ONLY = 0.05  # data shares below this say nothing new
 
 Summary = dict[str, Any]
 
@@ -20,11 +19,6 @@ def number(x: Any) -> float | None:
     """A float for JSON; None where it is not finite."""
     value = float(x)
     return value if math.isfinite(value) else None
-
-
-def probability(p: float) -> str:
-    """A probability for people: below a millionth its exact size says nothing."""
-    return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"
 
 
 def solver(result: RESULTS, steps: int) -> Summary:
@@ -44,19 +38,6 @@ def fit(variance_factor: float, freedom: int, tail_probability: float, is_consis
     }
 
 
-def fit_in_words(data: Summary) -> str:
-    """One sentence on `fit`."""
-    if data["sigma_factor"] is None:
-        return "there are no more observations than unknowns, so the fit cannot be tested"
-    times = f"the residuals are {data['sigma_factor']:.2f} times as large as their sigmas say"
-    chance = f"(probability of more by chance: {probability(data['tail_probability'])})"
-    if not data["is_consistent"]:
-        return f"{times}, more than chance explains {chance}"
-    if data["tail_probability"] > 1 - UNLIKELY:
-        return f"{times}: the sigmas given are too large, and so are those of the result"
-    return f"{times}, which is consistent {chance}"
-
-
 def check(found: CheckTest) -> Summary | None:
     """What the check points say of the answer; None where there are none."""
     if not found.freedom:
@@ -71,23 +52,10 @@ def check(found: CheckTest) -> Summary | None:
     }
 
 
-def check_in_words(data: Summary) -> str:
-    """One sentence on `check`."""
-    if data["factor"] is None or data["tail_probability"] is None:
-        return "the check points could not be compared: a difference is not a number"
-    times = f"the check points' differences are {data['factor']:.2f} times as large as predicted"
-    chance = f"(probability of more by chance: {probability(data['tail_probability'])})"
-    if data["agrees"]:
-        return f"{times}, which is consistent {chance}"
-    worst = ", ".join(row["name"] for row in data["worst"])
-    return f"{times}: they contradict the answer {chance}; the worst are {worst}"
-
-
 def weights(found: Components | None) -> list[Summary]:
     """Groups whose sigmas were estimated; empty where they were not."""
     if found is None:
         return []
-    beyond = stretched(found)
     return [
         {
             "group": name,
@@ -95,21 +63,32 @@ def weights(found: Components | None) -> list[Summary]:
             "n": int(n),
             "sigma_factor": number(f),
             "relative_sigma": number(s),
-            "is_plausible": g not in beyond,
+            "is_plausible": not beyond,
         }
-        for g, (name, p, n, f, s) in enumerate(zip(*found, strict=True))
-    ]
-
-
-def weights_in_words(rows: list[Summary]) -> list[str]:
-    """A sentence on every group of `weights` that is not plausible."""
-    return [
-        f"the sigma of {row['group']} would have to be {row['sigma_factor']:.3g} times as large as given: a finding, not a weight"
-        for row in rows
-        if not row["is_plausible"]
+        for name, p, n, f, s, beyond in zip(*found, found.is_stretched, strict=True)
     ]
 
 
 def versions(*packages: str) -> Summary:
     """Of whiskjax, what it stands on, and Python."""
     return {name: metadata.version(name) for name in ("whiskjax", *packages)} | {"python": platform.python_version()}
+
+
+def verdict(reasons: Iterable[Reason]) -> Summary:
+    """Sound or not, and why: what fails the answer and what was found in order, and what to look at before it is believed."""
+    ordered = by_weight(reasons)
+    sound = is_sound(ordered)
+    return {
+        "is_sound": sound,
+        "word": "sound" if sound else "not sound",
+        "reasons": [{**reason._asdict(), "figures": _data(reason.figures)} for reason in ordered],
+    }
+
+
+def _data(value: Any) -> Any:
+    """For JSON."""
+    if isinstance(value, Mapping):
+        return {name: _data(of) for name, of in value.items()}
+    if isinstance(value, str | int):
+        return value
+    return [_data(of) for of in value] if isinstance(value, Sequence) else number(value)

@@ -5,29 +5,46 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...chain.detector import beside_detector
+from ...chain.detector import lies_beside
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...earth.surface import AbstractSurface
 from ...rules import RESULTS, arrays_of, plain
 from ...rules.results import codes_of
-from ..diagnosis import consistency, kinked
+from ..check_points import CheckTest
+from ..checks import CHECKS
 from ..errors import FrameErrors
 from ..estimate import Estimate
+from ..evidence import Evidence, Words, kinks, numbered, records
+from ..model_test import consistency
+from ..reason import Reason, by_weight, is_sound, judged, warnings
 from ..unknown import Unknown
 from ..variance_components import Components
-from ..verdict import CheckTest, contradictions, stretched
 from .block import Block
 from .check import checked
+from .checks import BLOCK_CHECKS, Rays
 from .connect import seen_once
 from .orientation import ExteriorOrientation, exterior_orientation
 from .prepare import Prepared
 from .solve import Solved
 from .station_errors import StationErrors, at_stations
-from .told import impossible, warnings_of
+from .weakness import data_rows
+
+_MOST = 0.5  # of the rays, that may be left out as wrong
+_WORDS = Words(
+    how="the iteration converged",
+    noun="rays",
+    observed="ray",
+    residuals="residuals",
+    outliers="rays are wrong and were left out",
+    remedy="look for wrong tie points, or let the weights be estimated",
+    hint="is the block mirrored? start nearer",
+)
 
 
 class Trust(NamedTuple):
@@ -140,7 +157,8 @@ class Adjustment(eqx.Module):
 
     @cached_property
     def _consistency(self) -> tuple[float, float, bool]:
-        return consistency(float(self.cost), int(self.freedom))
+        factor, tail, sound = consistency(self.cost, self.freedom)
+        return float(factor), float(tail), bool(sound)
 
     @property
     def variance_factor(self) -> float:
@@ -168,27 +186,59 @@ class Adjustment(eqx.Module):
         """Check and tie points, by name, that one ray alone sees."""
         return tuple(self.block.point_name(int(i)) for i in np.flatnonzero(seen_once(self.block)))
 
-    @cached_property
-    def warnings(self) -> tuple[str, ...]:
-        """What a careful person would say, the most serious first."""
-        block, used = self.block, np.asarray(self.used)
-        squared = np.where(used[:, None], (np.asarray(self.residual_px) / np.asarray(block.sigma_px)) ** 2, 0.0)
-        factor, tail, _ = self._consistency
-        told = block, used, seen_once(block), self.motions, factor, tail, squared
-        return (
-            *impossible(block, np.asarray(self._code)),
-            *contradictions(self.check, self.components),
-            *beside_detector(self.sensor, block.shots(), np.asarray(block.pixel_px), used, block.ray_label),
-            *warnings_of(*told, np.asarray(self.trust.data_share), self.estimate.names),
-            *kinked(self.sensor, self.unknowns),
+    @property
+    def evidence(self) -> Evidence:
+        """What the checks of the verdict see; under tracing without check points."""
+        traced = arrays_of(self.estimate.covariance) is jnp
+        at = self if traced else jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
+        block, others = at.block, at._prepared.ready.unknowns.others
+        math, tie = arrays_of((at.estimate, at.used)), block.role == "tie"
+        candidate = ~seen_once(block)[block.point]
+        position = math.where(tie[block.point][:, None], 0.0, math.nan_to_num(block.position_m[block.point]))
+        names = block.images or tuple(map(str, block.key("image") if block.key("image") is not None else ("",) * len(block)))
+        factor, tail, _ = consistency(at.cost, at.freedom)
+        return Evidence(
+            estimate=at.estimate,
+            estimated=np.ones(len(at.unknowns), dtype=bool),
+            shift=math.where(math.asarray(others.has_prior), at._solved.state.u, math.nan),
+            scale=plain(others.scale),
+            rows=data_rows(at._solved.reduced.matrix, at._solved.state.x.size, others.information),
+            variance_factor=factor,
+            freedom=at.freedom,
+            tail=tail,
+            candidate=candidate,
+            used=at.used,
+            outlying=candidate & ~at.used,
+            code=at._code,
+            beside=lies_beside(self.sensor, block.shots(), block.pixel_px),
+            record=records(block.shots(), np.where(tie, np.arange(len(tie)), -1)[block.point], position, block.pixel_px),
+            image=numbered(names),
+            most=_MOST,
+            kinks=kinks(self.sensor, at.estimate),
+            label=block.ray_label,
+            images=tuple(sorted(set(names))),
+            words=_WORDS,
+            check=None if traced or int(codes_of(self.result)) else self.check,
+            components=at.components,
         )
+
+    @cached_property
+    def reasons(self) -> tuple[Reason, ...]:
+        """What speaks for and against the block, failures first."""
+        rests = "the priors" if self.motions is None else "POS" if self.motions.observed else "nothing"
+        rays = Rays(self.block, np.asarray(self.used), np.asarray(self.residual_px), rests, self.left_out)
+        return by_weight([*judged(CHECKS, self.evidence), *judged(BLOCK_CHECKS, rays)])
 
     @property
     def is_sound(self) -> bool:
-        """Converged, determined, residuals and check points no farther off than chance explains, no sigma stretched beyond
-        reason (verdict.py)."""
-        consistent = self.is_consistent and self.check.agrees and not stretched(self.components)
-        return int(codes_of(self.result)) == 0 and consistent
+        """Whether nothing fails it: it converged, everything is determined, residuals and check points are no farther off than
+        chance explains, few rays were left out, and no sigma is stretched beyond reason."""
+        return is_sound(self.reasons)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a careful person would say, the most serious first."""
+        return warnings(self.reasons)
 
     def exterior_orientation(self, shot: Shot | None = None, *, surface: AbstractSurface | None = None) -> ExteriorOrientation:
         """Projection centre and POS reference point: position and attitude, with their 6x6 covariance in level axes there.

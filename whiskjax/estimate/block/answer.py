@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from ...rules import RESULTS, SensorError, arrays_of, first_failure, plain
 from ...rules.progress import tell
 from ...rules.results import codes_of, failure_if, message_of
+from ..checks import ended
 from ..errors import FrameErrors
 from ..estimate import Estimate
 from ..unknown import Unknown
@@ -23,7 +24,7 @@ from .derivative import half_cost
 from .prepare import Prepared
 from .solve import Solved
 from .station_errors import StationErrors
-from .told import impossible, weak
+from .weakness import weak
 
 _SINGULAR = 1e-13  # bound of the smallest eigenvalue of the normal matrix, scaled to unit diagonal; sound blocks have 1e-5
 
@@ -132,9 +133,8 @@ def refuse(adjustment: Adjustment, motions: StationErrors | None) -> None:
     code = int(codes_of(adjustment.result))
     if code == 0:
         return
-    lost = impossible(adjustment.block, np.asarray(adjustment._code))
-    if lost and adjustment.is_determined and int(codes_of(adjustment._solved.result)) == 0:
-        raise SensorError(f"adjust: {lost[0]}")
+    if np.any(adjustment._code) and adjustment.is_determined and int(codes_of(adjustment._solved.result)) == 0:
+        raise SensorError(f"adjust: {ended(adjustment.evidence)}")
     matrix, stations = np.asarray(adjustment._solved.reduced.matrix), adjustment._solved.state.x.shape[1]
     named = weak(matrix, stations, adjustment.estimate.names, motions)
     raise SensorError(f"adjust: {message_of(code)}{named}")

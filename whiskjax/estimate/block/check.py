@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..verdict import UNTESTED, CheckTest, check_test
+from ..check_points import UNTESTED, CheckTest, check_test
 from .prepare import Prepared
 from .solve import Solved, reduce
 

@@ -12,19 +12,8 @@ from jaxtyping import Bool, Float, Int
 from ...estimate.block.adjustment import Statistics
 from ...estimate.block.block import ROLES
 from ...estimate.errors import AXES
-from ..plain import (
-    PRIOR_ONLY,
-    Summary,
-    check,
-    check_in_words,
-    fit,
-    fit_in_words,
-    number,
-    solver,
-    versions,
-    weights,
-    weights_in_words,
-)
+from ...estimate.reason import Reason, by_weight, warnings
+from ..plain import Summary, check, fit, number, solver, verdict, versions, weights
 from ..scales import in_words, one_sizes, units_in_words
 from .adjusted import Adjusted
 
@@ -38,10 +27,11 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
     **Arguments:** `command`: how it was made, for the reader who wants to repeat it.
     """
     flight, adjustment = adjusted.flight, adjusted.adjustment
-    data: Summary = {
+    reasons = by_weight([*adjustment.reasons, *_own_reasons(adjusted)])
+    return {
         "flight": flight.name,
         "command": command,
-        "verdict": {},
+        "verdict": verdict(reasons),
         "units": {
             "residuals": f"px, measured - projected; {in_words(flight.is_line)}",
             **units_in_words(flight.is_line),
@@ -66,11 +56,9 @@ def summarise(adjusted: Adjusted, command: str = "") -> Summary:
         "left_out": _largest(adjusted, adjusted.wrong, len(adjusted.block)),
         "seen_once": list(adjustment.left_out),
         "weights": weights(adjustment.components),
-        "warnings": [*adjustment.warnings, *_left_out(adjusted)],
+        "warnings": list(warnings(reasons)),
         "versions": versions("jax", "numpy"),
     }
-    data["verdict"] = _verdict(adjusted, data)
-    return data
 
 
 def _counts(adjusted: Adjusted) -> Summary:
@@ -289,42 +277,15 @@ def _largest(adjusted: Adjusted, among: np.ndarray, most: int) -> list[Summary]:
     ]
 
 
-def _verdict(adjusted: Adjusted, data: Summary) -> Summary:
-    """Sound or not, in words that need no statistics."""
-    iteration, counts = data["solver"], data["counts"]
-    reasons, cautions = [], []
-    reasons.append(
-        f"the iteration converged in {iteration['steps']} steps"
-        if iteration["converged"]
-        else f"after {iteration['steps']} steps {iteration['message']}"
-    )
-    reasons.append(fit_in_words(data["fit"]))
-    reasons += weights_in_words(data["weights"])
-    if (found := data["check"]) is None:
-        cautions.append("there are no check points: nothing tests the result from outside")
-    else:
-        reasons.append(
-            f"{found['points']} check points are off by {found['planimetry_rmse_m']:.3f} m in planimetry and "
-            f"{found['height_rmse_m']:.3f} m in height (RMSE)"
-        )
-        if "agrees" in found:
-            reasons.append(check_in_words(found))
-    if (standard := data["standard"]) is not None:
+def _own_reasons(adjusted: Adjusted) -> list[Reason]:
+    """What the adjustment itself cannot know: its flight, and what was asked of it."""
+    found = [Reason("errors not counted", "caution", said, {}) for said in _left_out(adjusted)]
+    if (standard := _standard(adjusted)) is not None:
         failed = [row["what"] for row in standard["limits"] if not row["passes"]]
-        said = (
-            f"the limits of {standard['name']} are met" if not failed else f"{standard['name']}: not met in {', '.join(failed)}"
-        )
-        (cautions if failed else reasons).append(said)
-    if counts["points"]["control"] == 0:
-        cautions.append("there is no control point: the datum does not come from the ground")
-    held = [row["name"] for row in data["unknowns"] if row["data_share"] is not None and row["data_share"] < PRIOR_ONLY]
-    if held:
-        cautions.append(f"fixed by the prior alone: {', '.join(held)}")
-    if (n := counts["rays_left_out"]) > 0:
-        cautions.append(f"{n} ray{'s' * (n > 1)} {'were' if n > 1 else 'was'} left out as wrong")
-    if (n := counts["points_seen_once"]) > 0:
-        cautions.append(f"{n} check or tie point{'s are' if n > 1 else ' is'} seen by one ray only and took no part")
-    if (n := counts["points_unseen"]) > 0:
-        cautions.append(f"{n} point{'s' * (n > 1)} of the flight {'are' if n > 1 else 'is'} seen by no image")
-    is_sound = adjusted.adjustment.is_sound
-    return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}
+        name = standard["name"]
+        said = f"{name}: not met in {', '.join(failed)}" if failed else f"the limits of {name} are met"
+        found.append(Reason("limits", "caution" if failed else "note", said, {"name": name, "failed": failed}))
+    if (n := _counts(adjusted)["points_unseen"]) > 0:
+        said = f"{n} point{'s' * (n > 1)} of the flight {'are' if n > 1 else 'is'} seen by no image"
+        found.append(Reason("unseen points", "caution", said, {"count": n}))
+    return found

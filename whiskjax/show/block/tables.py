@@ -1,6 +1,7 @@
 """Tables of an adjusted block, for the terminal and for the report."""
 
-from ..plain import PRIOR_ONLY, Summary
+from ...estimate.checks import PRIOR_ONLY
+from ..plain import Summary
 from ..scales import axes_in, axes_in_words, caption, one_keys, size_keys
 from ..tables import Cell, Table, decimals_among, decimals_of, fixed, percent, short, weights
 

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...estimate.checks import probability
 from ..page import render
-from ..plain import Summary, probability
+from ..plain import Summary
 from ..style import Drawing
 from ..tables import fixed, short, weights
 from .tables import blunders, correlations, detectable, largest, parameters, residuals, sizes

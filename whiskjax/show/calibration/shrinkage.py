@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..plain import PRIOR_ONLY, Summary
+from ...estimate.checks import PRIOR_ONLY
+from ..plain import Summary
 from ..style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure, shortened
 from ..tables import decimals_of, fixed
 

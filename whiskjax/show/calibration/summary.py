@@ -8,25 +8,13 @@ theirs in `unit` (degrees, metres, milliseconds, pixels).
 import numpy as np
 
 from ...estimate.calibration import Calibration
+from ...estimate.checks import CORRELATED, PRIOR_ONLY
 from ...flights.flight import Flight
-from ..plain import (
-    PRIOR_ONLY,
-    Summary,
-    check,
-    check_in_words,
-    fit,
-    fit_in_words,
-    number,
-    solver,
-    versions,
-    weights,
-    weights_in_words,
-)
+from ..plain import Summary, check, fit, number, solver, verdict, versions, weights
 from ..scales import in_words, one_sizes, units_in_words
 from .residuals import STAGES, Residuals, gather
 
 HALF_WEIGHT = 0.5
-STRONG = 0.9
 _LARGEST = 5
 
 
@@ -41,10 +29,10 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
     residuals = gather(calibration, flight)
     parameters = _parameters(calibration)
     posterior, found = calibration.posterior, calibration.fit
-    data = {
+    return {
         "flight": flight.name,
         "command": command,
-        "verdict": {},
+        "verdict": verdict(calibration.reasons),
         "units": {
             "residuals": f"px, measured - projected; {in_words(residuals.is_line)}",
             **units_in_words(residuals.is_line),
@@ -75,8 +63,6 @@ def summarise(calibration: Calibration, flight: Flight, command: str = "") -> Su
         "warnings": list(calibration.warnings),
         "versions": versions("jax", "optimistix", "numpy"),
     }
-    data["verdict"] = _verdict(calibration.is_sound, data)
-    return data
 
 
 def _parameters(calibration: Calibration) -> list[Summary]:
@@ -110,12 +96,12 @@ def _null_space(calibration: Calibration) -> list[Summary]:
 def _correlation(calibration: Calibration) -> Summary:
     rho = calibration.posterior.correlation
     names = [x.name for x in calibration.unknowns]
-    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(rho[i, j]) > STRONG]
+    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(rho[i, j]) > CORRELATED]
     strong.sort(key=lambda ij: -abs(rho[ij]))
     return {
         "names": names,
         "matrix": [[number(x) for x in row] for row in rho],
-        "threshold": STRONG,
+        "threshold": CORRELATED,
         "strong": [{"first": names[j], "second": names[i], "correlation": number(rho[i, j])} for i, j in strong],
     }
 
@@ -242,37 +228,3 @@ def _detectable(residuals: Residuals) -> list[Summary]:
                     }
                 )
     return rows
-
-
-def _verdict(is_sound: bool, data: Summary) -> Summary:
-    """Sound or not, in words that need no statistics."""
-    determined, iteration = data["determined"], data["solver"]
-    k = determined["unknowns"]
-    reasons = []
-    if determined["not_determined"]:
-        reasons.append(f"nothing determines {', '.join(determined['not_determined'])}: neither the observations nor a prior")
-    elif not iteration["converged"]:
-        reasons.append(f"after {iteration['steps']} steps {iteration['message']}")
-    else:
-        reasons.append(f"the iteration converged in {iteration['steps']} steps")
-        reasons.append(f"observations and priors together determine {'all ' + str(k) if k > 1 else 'the'} unknown{'s' * (k > 1)}")
-    if data["check"] is not None:
-        reasons.append(check_in_words(data["check"]))
-    reasons += [*weights_in_words(data["weights"]), fit_in_words(data["fit"])]
-    cautions = []
-    if determined["null_space_of_data"] and determined["is_determined"]:
-        together = list(dict.fromkeys(name for direction in determined["null_space_of_data"] for name in direction))
-        rank = f"the data alone determine {determined['rank_of_data']} of {k} unknowns"
-        cautions.append(f"{rank}; what is left open moves {', '.join(together)} together, and there only priors speak")
-    if determined["fixed_by_prior"]:
-        held = determined["fixed_by_prior"]
-        cautions.append(f"fixed by the prior alone, as the data say nothing new: {', '.join(held)}")
-    if (n := len(data["correlation"]["strong"])) > 0:
-        cautions.append(f"{n} pair{'s' * (n > 1)} of unknowns {'are' if n > 1 else 'is'} correlated above {STRONG}")
-    if (n := data["down_weighted"]["count"]) > 0:
-        cautions.append(f"{n} control observation{'s' * (n > 1)} lost more than half of {'their' if n > 1 else 'its'} weight")
-    if (n := len(data["blunders"])) > 0:
-        cautions.append(f"{n} control observation{'s' * (n > 1)} {'were' if n > 1 else 'was'} left out as blunder{'s' * (n > 1)}")
-    if data["counts"]["check_observations"] == 0:
-        cautions.append("there are no check points: nothing tests the result from outside")
-    return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}

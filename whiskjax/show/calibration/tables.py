@@ -5,8 +5,9 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
+from ...estimate.checks import PRIOR_ONLY, probability
 from ...estimate.selection import Comparison
-from ..plain import PRIOR_ONLY, Summary, probability
+from ..plain import Summary
 from ..scales import UNITS, axes_in, axes_in_words, caption, one_keys, size_keys
 from ..tables import DASH, Cell, Table, decimals_among, decimals_of, fixed, percent, short
 from .residuals import FEW

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...estimate.diagnosis import UNLIKELY, chi_square_tail
-from ...rules.results import codes_of, message_of
-from ..plain import Summary, number, probability, versions
+from ...estimate.checks import probability
+from ...estimate.model_test import UNLIKELY, chi_square_tail
+from ...estimate.reason import Reason, by_weight, warnings
+from ...rules import RESULTS
+from ..plain import Summary, number, verdict, versions
 from ..scales import in_words, one_sizes, units_in_words
 from .sighting import STATES, Sighting
 
@@ -60,11 +62,10 @@ def summarise(sighting: Sighting, command: str = "") -> Summary:
         "parameters": _parameters(sighting),
         "largest_innovations": _largest(sighting),
         "remarks": list(sighting.remarks),
-        "warnings": [*location.warnings, *_own_warnings(sighting)],
         "versions": versions("jax", "numpy"),
     }
-    data["verdict"] = _verdict(sighting, data)
-    return data
+    reasons = by_weight([*location.reasons, *_own_reasons(sighting, data)])
+    return data | {"verdict": verdict(reasons), "warnings": list(warnings(reasons))}
 
 
 def _accuracy(sighting: Sighting) -> Summary:
@@ -182,17 +183,6 @@ def _largest(sighting: Sighting) -> list[Summary]:
     ]
 
 
-def _own_warnings(sighting: Sighting) -> list[str]:
-    """What the location itself cannot know."""
-    free = {one.frame for one in sighting.flight.errors if any(one.free)}
-    if any(one.frame not in free for one in sighting.flight.errors):
-        return []
-    return [
-        "the flight states no errors of its recorded poses ([[error]] in flight.toml): the covariance counts the image "
-        "measurements alone"
-    ]
-
-
 def place(data: Summary) -> str:
     """Coordinates for a sentence."""
     if "x_m" in data:
@@ -200,54 +190,38 @@ def place(data: Summary) -> str:
     return f"latitude {data['lat_deg']:.7f}, longitude {data['lon_deg']:.7f} deg, height {data['height_m']:.2f} m"
 
 
-def _verdict(sighting: Sighting, data: Summary) -> Summary:
-    """Sound or not, in words that need no statistics."""
-    looks, test, truth, guess = data["looks"], data["consistency"], data["truth"], data["guess"]
-    reasons, cautions = [], []
-    if not sighting.is_answered:
-        reasons.append(message_of(int(codes_of(sighting.location.result))))
-        if (line := data["line"])["azimuth_deg"] is not None and "distance" in reasons[0]:
-            reasons.append(
-                f"the line: through {place(line)}, towards azimuth {line['azimuth_deg']:.3f}, elevation "
-                f"{line['elevation_deg']:.3f} deg"
-            )
-    else:
-        ends = f"the {sighting.method} filter ends where least squares of the same looks does"
-        reasons.append(ends if sighting.is_filter else "least squares of all looks converged")
-        reasons.append(
-            f"{looks['used']} of {looks['looks']} looks were used, whose lines of sight differ by up to "
-            f"{looks['convergence_deg']:.3g} deg"
-        )
-    if sighting.is_answered and test["sigma_factor"] is not None:
-        times = f"the innovations are {test['sigma_factor']:.2f} times as large as their covariance says"
-        chance = f"(probability of more by chance: {probability(test['tail_probability'])})"
-        if test["tail_probability"] <= UNLIKELY:
-            reasons.append(f"{times}, more than chance explains {chance}")
-        elif test["tail_probability"] >= 1 - UNLIKELY:
-            reasons.append(f"{times}: the sigmas given are too large, and so are those of the result")
-        else:
-            reasons.append(f"{times}, which is consistent {chance}")
-        if not test["is_consistent"] and test["tail_probability"] > UNLIKELY:
-            reasons.append("the gate left out more than half of the looks")
-    if looks["gated"]:
-        cautions.append(f"{looks['gated']} of {looks['looks']} looks did not pass the gate and were left out")
-    if looks["missed"] + looks["left_out"]:
-        cautions.append(f"{looks['missed'] + looks['left_out']} of {looks['looks']} looks could not be used")
-    contradicted = False
-    if truth is not None and truth["tail_probability"] <= UNLIKELY:
-        contradicted = True
-        reasons.append(
-            f"the given position lies {truth['error_m']:.3g} m off, more than the covariance explains (NEES {truth['nees']:.3g} "
-            f"of 3 expected; probability by chance: {probability(truth['tail_probability'])})"
-        )
-    elif truth is None and sighting.is_answered:
-        cautions.append("the position of the target was not given: nothing tests the result from outside")
+def _own_reasons(sighting: Sighting, data: Summary) -> list[Reason]:
+    """What the location itself cannot know: its flight, its first guess, and where the target is."""
+    looks, truth, line = data["looks"], data["truth"], data["line"]
+    found = []
     if sighting.is_answered:
-        ratio = max(s / g for s, g in zip(data["sigma_enu_m"], guess["sigma_enu_m"], strict=True))
+        used, angle = looks["used"], looks["convergence_deg"]
+        said = f"{used} of {looks['looks']} looks were used, whose lines of sight differ by up to {angle:.3g} deg"
+        found.append(Reason("looks", "note", said, {"used": used, "convergence_deg": angle}))
+        if truth is None:
+            said = "the position of the target was not given: nothing tests the answer from outside"
+            found.append(Reason("given position", "caution", said, {}))
+        elif truth["tail_probability"] <= UNLIKELY:
+            said = (
+                f"the given position lies {truth['error_m']:.3g} m off, more than the covariance explains (NEES "
+                f"{truth['nees']:.3g} of 3 expected; probability by chance: {probability(truth['tail_probability'])})"
+            )
+            found.append(Reason("given position", "failure", said, {"nees": truth["nees"], "error_m": truth["error_m"]}))
+        ratio = max(s / g for s, g in zip(data["sigma_enu_m"], data["guess"]["sigma_enu_m"], strict=True))
         if ratio > _PRIOR_SPEAKS:
-            cautions.append(f"the first guess still speaks: a sigma is {ratio:.2f} of what it was before the looks (--sigma-enu)")
-    is_sound = sighting.location.is_sound and not contradicted
-    return {"is_sound": is_sound, "word": "sound" if is_sound else "not sound", "reasons": reasons, "cautions": cautions}
+            said = f"the first guess still speaks: a sigma is {ratio:.2f} of what it was before the looks (--sigma-enu)"
+            found.append(Reason("first guess", "caution", said, {"ratio": ratio}))
+    elif line["azimuth_deg"] is not None and bool(sighting.location.result == RESULTS.depth_unobservable):
+        towards = f"azimuth {line['azimuth_deg']:.3f}, elevation {line['elevation_deg']:.3f} deg"
+        found.append(Reason("line", "note", f"the line: through {place(line)}, towards {towards}", {}))
+    free = {one.frame for one in sighting.flight.errors if any(one.free)}
+    if all(one.frame in free for one in sighting.flight.errors):
+        said = (
+            "the flight states no errors of its recorded poses ([[error]] in flight.toml): the covariance counts the image "
+            "measurements alone"
+        )
+        found.append(Reason("errors not stated", "caution", said, {}))
+    return found
 
 
 def properties(data: Summary) -> dict[str, Any]:

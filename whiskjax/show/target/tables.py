@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...estimate.diagnosis import UNLIKELY
-from ..plain import Summary, number, probability
+from ...estimate.checks import probability
+from ...estimate.model_test import UNLIKELY
+from ..plain import Summary, number
 from ..scales import axes_in, caption, one_keys, scale_columns, scale_values
 from ..sheets import write_csv
 from ..tables import Cell, Table, decimals_among, decimals_of, fixed, short

@@ -1,8 +1,7 @@
-"""What may contradict an answer though its own residuals do not: check points, and sigmas stretched beyond reason.
+"""What may contradict an answer though its own residuals do not: points that took no part.
 
-Residuals are judged against the sigmas they were weighted by (`consistency`), which an error common to all control points passes,
-and which weights from the data pass by construction. Two further checks, the same for every verb: points that took no part must
-lie where the answer and its covariance say, and a factor on a sigma must stay one that a careless sigma explains.
+Residuals are judged against the sigmas they were weighted by, which an error common to all control points passes, and which
+weights from the data pass by construction. Check points must lie where the answer and its covariance say.
 """
 
 import math
@@ -12,11 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .diagnosis import UNLIKELY, chi_square_tail
-from .variance_components import Components
+from .model_test import UNLIKELY, chi_square_tail
 
-# Sigmas that are only guessed are wrong by 2 or 3; beyond this factor the errors are of another kind than was said.
-_STRETCHED, _SURE = 5.0, 2.0
 _NAMED = 3
 
 
@@ -72,32 +68,3 @@ def joint_chi_square(difference: Float[np.ndarray, " n"], spread: Float[np.ndarr
     z = np.linalg.lstsq(rows, right, rcond=None)[0]
     left = right - rows @ z
     return float(left @ left)
-
-
-def stretched(found: Components | None) -> tuple[int, ...]:
-    """Groups whose sigma would have to be another by more than five times, either way, and surely so: 2 of its own log sigmas."""
-    if found is None:
-        return ()
-    beyond = np.abs(np.log(found.factor)) - _SURE * found.log_sigma > math.log(_STRETCHED)
-    return tuple(np.flatnonzero(beyond).tolist())
-
-
-def contradictions(check: CheckTest, found: Components | None) -> list[str]:
-    """What to say of an answer that its check points, or the weights it needed, contradict."""
-    said = []
-    if not check.agrees and math.isfinite(check.chi_square):
-        chance = f"{check.tail_probability:.0e}" if check.tail_probability >= 1e-6 else "below 1e-6"
-        named = ", ".join(f"{w} ({s:.3g} sigma)" for w, s in zip(check.worst, check.worst_sigmas, strict=True))
-        said.append(
-            f"the check points contradict the answer: their differences are {check.factor:.3g} times as large as the answer's "
-            f"covariance, their own and their measurements' say (chance: {chance}); the worst are {named}"
-        )
-    for g in stretched(found):
-        assert found is not None
-        factor = float(found.factor[g])
-        times, why = (factor, "look for blunders, or an error that many share, or state") if factor > 1 else (1 / factor, "state")
-        said.append(
-            f"the errors of {found.names[g]} are {times:.3g} times {'larger' if factor > 1 else 'smaller'} than their sigmas "
-            f"say: beyond a factor of {_STRETCHED:g} that is a finding, not a weight; {why} the sigma anew"
-        )
-    return said

@@ -1,0 +1,71 @@
+"""What speaks for and against an answer, and the form of a check that finds it."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+Grade = Literal["failure", "caution", "note"]
+
+# What a check returns, as numbers that can be traced: 0 has nothing to say.
+FINE, NOTE, CAUTION, FAILURE = range(4)
+_GRADES: tuple[Grade, ...] = ("note", "note", "caution", "failure")
+
+
+class Reason(NamedTuple):
+    """One thing that a careful person would say of an answer.
+
+    - `kind`: which check says it, as "check points" or "copies".
+    - `grade`: "failure": the answer is not sound; "caution": look here before you believe it; "note": what was tested and found
+      in order.
+    - `text`: one sentence for people.
+    - `figures`: what the sentence is made of, by name: numbers, and names of unknowns, groups, images or points.
+    """
+
+    kind: str
+    grade: Grade
+    text: str
+    figures: Mapping[str, Any]
+
+
+Said = tuple[str, Mapping[str, Any]]
+Evidence = TypeVar("Evidence")
+
+
+class Check(NamedTuple, Generic[Evidence]):
+    """A question asked of every answer: `figures` can be traced, `sentences` is for people.
+
+    - `figures`: the grade and the numbers that it was found by, arrays without or with leading axes of a batch.
+    - `sentences`: from those numbers, of one answer and not traced: what to say, each with its own figures. Asked only where the
+      grade is not `FINE`.
+    """
+
+    kind: str
+    figures: Callable[[Evidence], tuple[Any, dict[str, Any]]]
+    sentences: Callable[[dict[str, Any], Evidence], Iterable[Said]]
+
+
+def judged(checks: Sequence[Check[Evidence]], evidence: Evidence) -> list[Reason]:
+    """What the checks say of one answer, in their order."""
+    found = []
+    for check in checks:
+        grade, figures = check.figures(evidence)
+        if int(grade) != FINE:
+            known = {name: np.asarray(value) for name, value in figures.items()}
+            found += [Reason(check.kind, _GRADES[int(grade)], text, of) for text, of in check.sentences(known, evidence)]
+    return found
+
+
+def by_weight(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
+    """Failures first, then cautions, then notes; else in their order."""
+    return tuple(sorted(reasons, key=lambda reason: -_GRADES.index(reason.grade)))
+
+
+def is_sound(reasons: Iterable[Reason]) -> bool:
+    """Whether nothing fails the answer."""
+    return all(reason.grade != "failure" for reason in reasons)
+
+
+def warnings(reasons: Iterable[Reason]) -> tuple[str, ...]:
+    """The sentences of failures and cautions."""
+    return tuple(reason.text for reason in reasons if reason.grade != "note")
