@@ -75,6 +75,7 @@ from .estimate.many import calibrate_redrawn as calibrate_redrawn
 from .estimate.many import images_of as images_of
 from .estimate.motions import motion_unknowns as motion_unknowns
 from .estimate.observations import Observations as Observations
+from .estimate.reason import Reason as Reason
 from .estimate.selection import Comparison as Comparison
 from .estimate.selection import compare as compare
 from .estimate.unknown import Unknown as Unknown
@@ -175,6 +176,7 @@ __all__ = [
     "Huber",
     "draw_errors",
     "Estimate",
+    "Reason",
     "FrameErrors",
     "motion_unknowns",
     "Observations",

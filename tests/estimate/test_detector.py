@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
+from whiskjax.chain.detector import lies_beside
 
 # Six points below a camera that looks down from 1000 m; the last is a check point.
 POINT_M = np.array([[10.0, 0, 0], [0, 10, 0], [-10, -5, 0], [5, 5, 1], [300, 200, 0], [-250, 100, 3]])
@@ -119,16 +120,13 @@ def test_samples_are_asked_of_a_line_camera_and_lines_are_not():
     assert "observation 3 lies far beside" in str(wj.calibrate(above(SWATH), seen(SWATH, pixel), LEVER).warnings)
 
 
-def test_marks_at_the_rim_are_measurements_and_what_is_left_out_is_not_asked():
-    from whiskjax.chain.detector import beside_detector
-
+def test_marks_at_the_rim_are_measurements():
     rim = np.array([[0.0, 0, 0], [340, 0, 0], [-340, 0, 0], [0, 255, 0], [0, -255, 0]])  # the frame ends at 333 m and 250 m
     pixel = np.array(wj.project(above(SIZED), wj.Shot(), rim).pixel_px)
     assert (pixel > [2000, 1500]).any() and (pixel < 0).any()
-    assert beside_detector(above(SIZED), wj.Shot(), pixel, np.ones(5, bool), str) == []
+    assert not lies_beside(above(SIZED), wj.Shot(), pixel).any()
     pixel[1] = -9999.0
-    assert beside_detector(above(SIZED), wj.Shot(), pixel, np.arange(5) != 1, str) == []
-    assert len(beside_detector(above(SIZED), wj.Shot(), pixel, np.ones(5, bool), str)) == 1
+    assert lies_beside(above(SIZED), wj.Shot(), pixel).tolist() == [False, True, False, False, False]
 
 
 def test_pixels_that_the_lens_does_not_make_are_refused_before_they_spoil_an_adjustment():

@@ -292,7 +292,7 @@ def test_the_wild_runs_of_a_race_are_no_answers_and_the_iterated_filter_has_none
         assert np.linalg.norm(np.asarray(found.line_m) - race.target_m) > 100
         assert bool(found.result == R.diverged), f"run {i}: {found.warnings}"
         behind = np.flatnonzero(np.asarray(found.looks.impossible))
-        said = f"where the estimate ended, look {behind[0]}: the point lies behind" if behind.size else ""
+        said = f"where the iteration ended, look {behind[0]}: the point lies behind" if behind.size else ""
         assert any(warning.startswith(said) for warning in found.warnings)
         mirrored += bool(behind.size)
         iterated = race.locate(looks, sensor=sensor, errors=tianshan.frame_errors())

@@ -342,7 +342,7 @@ PARTS = {
 }
 # Answers, which only whiskjax makes; what is to be inherited from; and helpers that take results, not numbers.
 NOT_CALLED = {
-    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location", "Estimate"),
+    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location", "Estimate", "Reason"),
     *(name for name in wj.__all__ if name.startswith("Abstract")),
     *("RESULTS", "FlightError", "SensorError", "WhiskjaxError", "first_failure", "failure_if", "telling"),
 }

@@ -84,5 +84,7 @@ def undetermined(calibration, flight):
         null_space=({"omega_sen": 1.0, "omega_pos_left": -0.5},),
         condition=np.inf,
     )
-    failed = invented(calibration, fields={"unknowns": unknowns}, posterior=posterior, result=wj.RESULTS.rank_deficient)
+    covariance = np.where(either, np.where(lost[:, None] & lost, np.inf, np.nan), calibration.estimate.covariance)
+    fields = {"unknowns": unknowns, "estimate": dataclasses.replace(calibration.estimate, covariance=covariance)}
+    failed = invented(calibration, fields=fields, posterior=posterior, result=wj.RESULTS.rank_deficient)
     return failed, flight

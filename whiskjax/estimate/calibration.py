@@ -201,7 +201,7 @@ class Calibration(eqx.Module):
             used=at.used,
             outlying=control & ~kept,
             code=here.unseen,
-            beside=lies_beside(self.sensor, seen.shot, seen.pixel_px),
+            beside=lies_beside(self.sensor, seen.shot, seen.pixel_px) & at.used,
             record=records(seen.shot, seen.point_m, seen.pixel_px),
             image=numbered(images),
             most=self._most,

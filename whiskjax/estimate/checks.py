@@ -71,7 +71,8 @@ def ended(e: Evidence) -> str:
 
 def _agreement(e: Evidence) -> Figures:
     """The model test: the sum of squares against chi-square."""
-    factor, tail = e.variance_factor, e.tail
+    math_ = arrays_of((e.variance_factor, e.tail))
+    factor, tail = math_.asarray(e.variance_factor), math_.asarray(e.tail)
     grade = graded(FAILURE, tail <= UNLIKELY, graded(CAUTION, (tail >= 1 - UNLIKELY) | ~(factor >= _SMALL), NOTE))
     return grade, {"factor": factor, "freedom": e.freedom, "tail_probability": tail}
 
@@ -219,8 +220,7 @@ COPIES = Check("copies", _copies, _say_copies)
 
 
 def _beside(e: Evidence) -> Figures:
-    wrong = e.beside & e.used
-    return graded(CAUTION, wrong.any()), {"count": wrong.sum(), "first": wrong.argmax()}
+    return graded(CAUTION, e.beside.any()), {"count": e.beside.sum(), "first": e.beside.argmax()}
 
 
 def _say_beside(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
@@ -350,5 +350,5 @@ def _say_kinked(_: dict[str, Any], e: Evidence) -> Iterable[Said]:
 KINKS = Check("kinks", _kinked, _say_kinked)
 
 CHECKS = (
-    ENDED, CHECK_POINTS, SIGMAS, AGREEMENT, LEFT_OUT, BESIDE, COPIES, LOPSIDED, KINKS, RANK, CORRELATION, PRIORS, FAR,
+    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK, CORRELATION, PRIORS, FAR,
 )  # fmt: skip

@@ -44,8 +44,8 @@ class Evidence:
       priors left out, (m, k), None where it was not kept.
     - `variance_factor`, of `freedom` degrees, and its `tail` probability: of the residuals (model_test.py).
     - `candidate`: measurements that could take part; `used`: those that decided; `outlying`: candidates that count as blunders;
-      `code`: results of measurements that the sensor cannot have made where the answer ended; `beside`: measured far beside the
-      detector; `record`: numbers that tell one measurement from another; `image`: where each belongs. (n,) each.
+      `code`: results of measurements that the sensor cannot have made where the answer ended; `beside`: used, and measured far
+      beside the detector; `record`: numbers that tell one measurement from another; `image`: where each belongs. (n,) each.
     - `most`: the largest share that may be outlying.
     - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.

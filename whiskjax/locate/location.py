@@ -142,7 +142,7 @@ class Location(eqx.Module):
             used=looks.is_used,
             outlying=looks.counts & ~looks.passes,
             code=arrays_of(looks.nis).where(looks.impossible, codes_of(looks.at_end), 0),
-            beside=looks.is_beside,
+            beside=looks.is_beside & looks.passes & ~looks.is_missed,
             record=self.record,
             image=np.zeros(n, dtype=int),
             most=0.5,

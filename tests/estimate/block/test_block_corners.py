@@ -104,7 +104,7 @@ def test_points_seen_once_are_left_out_and_listed(how):
     found = wj.adjust(sensor, block.keep(kept), errors=POS, **how)
     expected = wj.adjust(sensor, block.keep(~lonely), errors=POS, **how)
     assert found.left_out == ("P7", "P9") and expected.left_out == ()
-    said = "seen by one ray only, which determines no point, and left out: point P7, point P9"
+    said = "2 check or tie points are seen by one ray only, which determines no point, and left out: P7, P9"
     assert said in found.warnings and set(found.warnings) - {said} == set(expected.warnings)
     np.testing.assert_array_equal(found.used, ~lonely[kept] if not how.get("blunders") else found.used & ~lonely[kept])
     np.testing.assert_array_equal(found.used[~lonely[kept]], expected.used)

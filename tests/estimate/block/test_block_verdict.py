@@ -88,14 +88,14 @@ def test_a_mirrored_block_is_no_answer(axis):
     recorded = Rotation.from_quat(np.stack([np.asarray(c) for c in sensor["photo"].quaternion], -1))
     start = wj.PosePerImage(PLACE_M, (recorded * Rotation.from_euler(axis, 120, degrees=True)).as_quat())
     mirrored = wj.Sensor({"photo": start}, sensor.camera)
-    with pytest.raises(wj.SensorError, match=r"adjust: where the adjustment ended, ray 0, image im0, point P0: the point lies "
+    with pytest.raises(wj.SensorError, match=r"adjust: where the iteration ended, ray 0, image im0, point P0: the point lies "
                        r"behind the camera \(144 of 144 rays fail\)"):  # fmt: skip
         wj.adjust(mirrored, block, errors=FREE, max_steps=60)
     found = wj.adjust(mirrored, block, errors=FREE, max_steps=60, throw=False)
     pose = found.sensor["photo"].pose(wj.Shot(image=np.arange(6)))
     assert (np.asarray(pose.translation[2]) < 0).all()
     assert found.result == wj.RESULTS.point_behind_camera and not found.is_sound
-    assert found.warnings[0].startswith("where the adjustment ended, ray 0, image im0, point P0: ")
+    assert found.warnings[0].startswith("where the iteration ended, ray 0, image im0, point P0: ")
     right = wj.adjust(sensor, block, errors=FREE)
     assert right.is_sound and (np.asarray(right.sensor["photo"].pose(wj.Shot(image=np.arange(6))).translation[2]) > 0).all()
 

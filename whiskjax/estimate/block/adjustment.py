@@ -210,7 +210,7 @@ class Adjustment(eqx.Module):
             used=at.used,
             outlying=candidate & ~at.used,
             code=at._code,
-            beside=lies_beside(self.sensor, block.shots(), block.pixel_px),
+            beside=lies_beside(self.sensor, block.shots(), block.pixel_px) & at.used,
             record=records(block.shots(), np.where(tie, np.arange(len(tie)), -1)[block.point], position, block.pixel_px),
             image=numbered(names),
             most=_MOST,
