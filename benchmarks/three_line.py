@@ -174,7 +174,7 @@ def iteration(ties: int) -> Callable[[], tuple[Reduced, Vec3]]:
     undamped, one_step = jnp.asarray(0.0), jax.jit(damped)
 
     def run():
-        _, step = one_step(reduced, undamped)
+        step, _ = one_step(reduced, undamped)
         size = state.x.size
         return reduce(ready, State(state.x + step[:size].reshape(state.x.shape), state.u + step[size:], points))
 

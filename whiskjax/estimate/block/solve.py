@@ -1,5 +1,6 @@
 """Gauss-Newton on the reduced normal equations, damped where a step would climb."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -27,11 +28,9 @@ _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-7, 1e12
 class Reduced(eqx.Module):
     """Normal matrix, right side and cost of stations (axis by axis) and unknowns, points eliminated and priors included.
 
-    `cost` is the sum of squared whitened residuals with the points at their optimum; `observed` is the normal matrix of the rays
-    and control points alone.
+    `cost` is the sum of squared whitened residuals with the points at their optimum.
     """
 
-    observed: Float[Array, "m m"]
     matrix: Float[Array, "m m"]
     right: Float[Array, " m"]
     cost: Float[Array, ""]
@@ -55,11 +54,10 @@ def equations(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     half = normal.half.reshape(m, m)
     border = normal.border.reshape(m, q + 1)
     corner = normal.corner
-    observed = jnp.block([[half + half.T, border[:, :q]], [border[:, :q].T, corner[:q, :q]]])
+    matrix = jnp.block([[half + half.T, border[:, :q]], [border[:, :q].T, corner[:q, :q]]])
     right = jnp.concatenate([border[:, q], corner[:q, q]])
     residual = jnp.einsum("aek,ak->ae", ready.roots, state.x)
     information = jnp.einsum("aei,aej->aij", ready.roots, ready.roots)
-    matrix = observed
     for a in range(6):
         place = slice(a * stations, (a + 1) * stations)
         matrix = matrix.at[place, place].add(information[a])
@@ -68,35 +66,32 @@ def equations(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     matrix = matrix.at[m:, m:].add(pull)
     right = right - jnp.concatenate([jnp.einsum("aek,ae->ak", ready.roots, residual).ravel(), slope])
     cost = corner[q, q] + (residual**2).sum() + slope @ state.u
-    return Reduced(observed, matrix, right, cost), points
+    return Reduced(matrix, right, cost), points
 
 
 reduce = compiled(equations, lambda ready, state: ready.rays)
 
 
 class Iteration(eqx.Module):
-    """Where the iteration is: the state with its equations and its moved points, and what is evaluated next.
+    """Where the iteration is: the state that was evaluated last, its moved points and cost, and what is evaluated next.
 
-    - `target`: the state to be evaluated: a step (`tries`), or the state itself where its points have arrived.
+    - `target`: a step (`tries`), or where one is taken back what it started from, with the points where they arrived.
     - `step`, `move`: the Gauss-Newton step, and what is taken of it or foretold from it (`foretold`); `decrement`: what the step
-      should take off the cost.
-    - `before`: the last move and the Gauss-Newton step there, where there are (`remembers`).
+      should take off the cost; `last`: what the one before it should have.
     - `code`: negative while it goes on, else the result.
     """
 
     state: State
-    reduced: Reduced
     points: Vec3
+    cost: Float[Array, ""]
     target: State
     step: Float[Array, " m"]
     move: Float[Array, " m"]
     decrement: Float[Array, ""]
     last: Float[Array, ""]
     damping: Float[Array, ""]
-    before: tuple[Float[Array, " m"], Float[Array, " m"]]
     tries: Bool[Array, ""]
     foretold: Bool[Array, ""]
-    remembers: Bool[Array, ""]
     tried: Int[Array, ""]
     steps: Int[Array, ""]
     most: Int[Array, ""]
@@ -106,95 +101,100 @@ class Iteration(eqx.Module):
 def gauss_newton(ready: Ready, state: State, max_steps: int = 30) -> Solved:
     """Minimise from a state; pure, and not to be differentiated (derivative.py).
 
-    A step that raises the cost is taken back and damped (Levenberg); of steps that shrink slowly two foretell the next ones. One
-    compiled function evaluates and judges; outside of tracing the host asks for it again and again, and tells how far it is.
+    A step that raises the cost is taken back and damped (Levenberg); of steps that shrink slowly two foretell the next ones.
+    Outside of tracing the host asks again and again for the equations, judges them by the same code, and tells how far it is.
 
     **Arguments:** `max_steps`: that are tried, taken or not.
     """
     now = _begin(state, max_steps)
     if arrays_of((ready, state)) is jnp:
-        now = jax.tree.map(jnp.asarray, now)
-        now = jax.lax.while_loop(lambda now: now.code < 0, lambda now: _advance(ready, now), now)
-        return Solved(now.state, now.reduced, now.steps, jax.tree.map(lambda _: now.code, RESULTS.successful))
+
+        def go(at: tuple[Iteration, Reduced]) -> tuple[Iteration, Reduced]:
+            reduced, points = equations(ready, at[0].target)
+            return _judged(at[0], reduced, points), reduced
+
+        size = now.step.size
+        nothing = Reduced(jnp.zeros((size, size)), jnp.zeros(size), jnp.zeros(()))
+        now, reduced = jax.lax.while_loop(lambda at: at[0].code < 0, go, (jax.tree.map(jnp.asarray, now), nothing))
+        return _solved(now, reduced, now.steps)
     tell("adjust: first equations (the first time compiled)")
-    while int(now.code) < 0:
-        now = _advance_compiled(ready, now)
-        if int(now.tried):
-            tell(f"adjust: step {int(now.tried)}, sum of squares {float(now.reduced.cost):.6g}")
-    return Solved(now.state, now.reduced, int(now.steps), jax.tree.map(lambda _: np.asarray(now.code), RESULTS.successful))
+    reduced: Any = None
+    while now.code < 0:
+        reduced, points = reduce(ready, now.target)
+        with np.errstate(all="ignore"):  # what is no number is seen, and said
+            now = _judged(now, *jax.tree.map(np.asarray, (reduced, points)))
+        if now.tried:
+            tell(f"adjust: step {int(now.tried)}, sum of squares {float(now.cost):.6g}")
+    return _solved(now, reduced, int(now.steps))
+
+
+def _solved(now: Iteration, reduced: Reduced, steps: Any) -> Solved:
+    """What it ended with: the points have moved on with the last evaluation, unless that leads nowhere."""
+    math = arrays_of(now)
+    failed = (now.code == _code(RESULTS.rank_deficient)) | (now.code == _code(RESULTS.nonfinite))
+    points = tuple(math.where(failed, old, new) for old, new in zip(now.state.points, now.points, strict=True))
+    result = jax.tree.map(lambda _: math.asarray(now.code), RESULTS.successful)
+    return Solved(State(now.state.x, now.state.u, points), reduced, steps, result)
 
 
 def _begin(state: State, max_steps: int) -> Iteration:
-    size = state.x.size + state.u.size
-    nothing, number = np.zeros(size), np.zeros(())
-    none: Any = (np.zeros((size, size)), np.zeros((size, size)), nothing, number)
-    reduced = Reduced(*none)
-    no, count = np.zeros((), dtype=bool), np.zeros((), dtype=np.int32)
-    most, going = np.asarray(max_steps, dtype=np.int32), np.asarray(-1, dtype=np.int32)
-    ahead: Any = (nothing, nothing, number, np.asarray(np.inf), number, (nothing, nothing), no, no, no, count, count, most, going)
-    return Iteration(state, reduced, state.points, state, *ahead)
+    nothing, number = np.zeros(state.x.size + state.u.size), np.zeros(())
+    endless: Any = np.asarray(np.inf)
+    no, (count, most, going) = np.zeros((), dtype=bool), (np.asarray(i, dtype=np.int32) for i in (0, max_steps, -1))
+    ahead: Any = (endless, state, nothing, nothing, number, endless, number, no, no, count, count, most, going)
+    return Iteration(state, state.points, *ahead)
 
 
-def _advance(ready: Ready, now: Iteration) -> Iteration:
-    """Evaluate the target, take it or take it back, and say what comes next."""
-    there, relaxed = equations(ready, now.target)
-    cost = now.reduced.cost
-    climbs = ~(there.cost <= cost * (1 + _SAME_COST))
-    back = now.tries & climbs & (now.foretold | (now.decrement > jnp.maximum(_ROUNDING, _SAME_COST * cost)))
+def _judged(now: Iteration, reduced: Reduced, points: Vec3) -> Iteration:
+    """The target is taken or taken back, by the equations there; and what comes next.
+
+    Normal matrices are large, so none is kept: where a step is taken back, what it started from is evaluated anew.
+    """
+    math = arrays_of((now, reduced))
+    climbs = ~(reduced.cost <= now.cost * (1 + _SAME_COST))
+    back = now.tries & climbs & (now.foretold | (now.decrement > math.maximum(_ROUNDING, _SAME_COST * now.cost)))
     taken = now.tries & ~back
-
-    def unless_back(new: Any, old: Any) -> Any:
-        return jax.tree.map(lambda a, b: jnp.where(back, b, a), new, old)
-
-    # The cost of a state was that of points moved to first order: compare with it where they have arrived.
-    here = State(now.state.x, now.state.u, now.points)
-    state = unless_back(now.target, here)
-    reduced, points = unless_back((there, relaxed), (now.reduced, now.points))
+    tried = now.tried + now.tries.astype(now.tried.dtype)
     stalls = (now.decrement < _ROUNDING) & (now.decrement > 0.25 * now.last)
     settled = taken & (now.damping == 0) & ((now.decrement < _SETTLED) | stalls)
-    harder = jnp.maximum(10 * now.damping, _FIRST_DAMPING)
-    softer = jnp.where(now.damping > _LEAST_DAMPING, now.damping / 10, 0.0)
-    damping = jnp.where(back & ~now.foretold, harder, jnp.where(taken, softer, now.damping))
-    before, remembers = (now.move, now.step), taken
-    last = jnp.where(taken, now.decrement, now.last)
-    tried = now.tried + now.tries.astype(now.tried.dtype)
+    lost = ~back & (tried >= now.most) | ~now.tries & (now.damping > _MOST_DAMPING)
+    last = math.where(taken, now.decrement, now.last)
+    harder = math.maximum(10 * now.damping, _FIRST_DAMPING)
+    softer = math.where(now.damping > _LEAST_DAMPING, now.damping / 10, 0.0)
+    damping = math.where(back & ~now.foretold, harder, math.where(taken, softer, now.damping))
 
-    damping, step = jax.lax.while_loop(
-        lambda at: ~jnp.isfinite(at[1]).all() & (at[0] <= _MOST_DAMPING) & ~back & jnp.isfinite(reduced.matrix).all(),
-        lambda at: damped(reduced, jnp.maximum(10 * at[0], _FIRST_DAMPING)),
-        damped(reduced, damping),
+    goes_on, is_finite = ~(back | settled | lost), math.isfinite(reduced.matrix).all()
+    damping, _, step, is_step = _repeated(
+        lambda at: ~at[3] & (at[0] <= _MOST_DAMPING),
+        lambda at: (at[1], math.maximum(10 * at[1], _FIRST_DAMPING), *_damped(reduced, math.asarray(at[1]))),
+        (damping, damping, now.step, ~goes_on | ~is_finite),
     )
     decrement = step @ reduced.right
-    slow = (jnp.maximum(_ROUNDING, _SLOWLY * last) < decrement) & (decrement < _NEAR * reduced.cost)
-    foretold = remembers & (damping == 0) & slow
-    move = jnp.where(foretold, _ahead(reduced.matrix, step, *before), step)
-    size = state.x.size
-    onwards = State(state.x + move[:size].reshape(state.x.shape), state.u + move[size:], points)
-    target = jax.tree.map(lambda a, b: jnp.where(back, b, a), onwards, here)
+    slow = (math.maximum(_ROUNDING, _SLOWLY * last) < decrement) & (decrement < _NEAR * reduced.cost)
+    foretold = goes_on & taken & (damping == 0) & slow
+    move = step
+    if math is jnp or foretold:
+        move = math.where(foretold, _ahead(reduced.matrix, step, now.move, now.step), step)
+    x, u = now.target.x, now.target.u
+    onwards = State(x + move[: x.size].reshape(x.shape), u + move[x.size :], points)
+    start = State(now.state.x, now.state.u, now.points)
 
-    failed = ~back & ~jnp.isfinite(step).all()
-    unknown = (tried == 0) & ~jnp.isfinite(reduced.matrix).all()
-    code = jnp.where(back & (damping > _MOST_DAMPING), _code(RESULTS.not_converged), -1)
-    code = jnp.where(~back & (tried >= now.most), _code(RESULTS.not_converged), code)
-    code = jnp.where(failed, jnp.where(unknown, _code(RESULTS.nonfinite), _code(RESULTS.rank_deficient)), code)
-    code = jnp.where(settled, _code(RESULTS.successful), code).astype(jnp.int32)
-    ended = code >= 0
-    # Where it ends by a step that was taken, or for want of further ones, the points have moved on with it.
-    arrived = State(state.x, state.u, points)
+    code = math.where(goes_on & ~is_step, _code(RESULTS.rank_deficient), -1)
+    code = math.where(goes_on & ~is_finite, _code(RESULTS.nonfinite), code)
+    code = math.where(lost, _code(RESULTS.not_converged), code)
+    code = math.where(settled, _code(RESULTS.successful), code).astype(np.int32)
     return Iteration(
-        state=jax.tree.map(lambda a, b: jnp.where(ended & ~failed, a, b), arrived, state),
-        reduced=reduced,
+        state=now.target,
         points=points,
-        target=target,
+        cost=reduced.cost,
+        target=jax.tree.map(lambda a, b: math.where(back, a, b), start, onwards),
         step=step,
         move=move,
         decrement=decrement,
         last=last,
         damping=damping,
-        before=before,
         tries=~back,
-        foretold=foretold & ~back,
-        remembers=remembers,
+        foretold=foretold,
         tried=tried,
         steps=now.steps + taken.astype(now.steps.dtype),
         most=now.most,
@@ -202,17 +202,27 @@ def _advance(ready: Ready, now: Iteration) -> Iteration:
     )
 
 
-_advance_compiled = compiled(_advance, lambda ready, now: ready.rays)
-
-
 def _code(result: RESULTS) -> int:
     return int(codes_of(result))
 
 
 def damped(reduced: Reduced, damping: Array) -> tuple[Array, Array]:
-    """The damping, and the step with it."""
+    """The step with a damping, and whether there is one."""
     matrix = reduced.matrix + damping * jnp.eye(reduced.matrix.shape[0])
-    return damping, jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(matrix), reduced.right)
+    step = jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(matrix), reduced.right)
+    return step, jnp.isfinite(step).all()
+
+
+def _repeated(goes_on: Callable[[Any], Any], once: Callable[[Any], Any], at: Any) -> Any:
+    """`jax.lax.while_loop`, or a loop of the host where nothing is traced."""
+    if arrays_of(at) is jnp:
+        return jax.lax.while_loop(goes_on, once, at)
+    while goes_on(at):
+        at = jax.tree.map(np.asarray, once(at))
+    return at
+
+
+_damped = compiled(damped, lambda reduced, damping: reduced.matrix.size)
 
 
 def _ahead(matrix: Array, step: Array, last_move: Array, last_step: Array) -> Array:
@@ -222,6 +232,7 @@ def _ahead(matrix: Array, step: Array, last_move: Array, last_step: Array) -> Ar
     factor r only; along one direction this is their sum r + r^2 + ...
     """
     change = step - last_step
-    length = change @ matrix @ change
-    share = (step @ matrix @ change) / jnp.where(length == 0, 1.0, length)
+    along = matrix @ change
+    length = change @ along
+    share = (step @ along) / arrays_of(length).where(length == 0, 1.0, length)
     return step - share * (last_move + change)

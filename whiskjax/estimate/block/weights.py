@@ -76,13 +76,17 @@ def _groups(
     ready, state, block = prepared.ready, solved.state, prepared.block
     inverse = np.linalg.inv(np.asarray(solved.reduced.matrix))
     stations = state.x.shape[1]
-    # What control and check points alone give to the reduced matrix; the rest of it comes from the ties.
+    roots, x = np.asarray(ready.roots), np.asarray(state.x)
+    information = np.einsum("aei,aej->aij", roots, roots)
+    blocks = inverse[: 6 * stations, : 6 * stations].reshape(6, stations, 6, stations)
+    pos_taken = np.array([np.sum(blocks[a, :, a] * information[a]) for a in range(6)])
+    priors = pos_taken.sum() + np.sum(inverse[6 * stations :, 6 * stations :] * np.asarray(ready.unknowns.others.information))
+    # What control and check points give to the reduced matrix; the rest comes from the ties, and all together take its trace.
     control = (block.role == "control") & block.seen
     some = used & ~prepared.lone(used)[block.point]
     alone = prepared.weighted(np.where((some & marked)[:, None], 1 / block.sigma_px, 0.0), state)
-    of_marked = np.asarray(reduce(alone.ready, state)[0].observed)
-    taken_marked = float(np.sum(inverse * of_marked))
-    taken_ties = float(np.sum(inverse * np.asarray(solved.reduced.observed))) - taken_marked
+    taken_marked = float(np.sum(inverse * np.asarray(reduce(alone.ready, state)[0].matrix)) - priors)
+    taken_ties = len(inverse) - priors - taken_marked
     residual = prepared.by_ray(evaluate(ready, state).residual_px) / block.sigma_px
     squared = np.where(some, (residual**2).sum(axis=1), 0.0)
     point = prepared.point_m(state)
@@ -90,11 +94,7 @@ def _groups(
     pulled = np.einsum("ni,nij,nj->", off, block.information()[control], off)
     seen = np.unique(block.point[some])
     ties, others = int((block.role[seen] == "tie").sum()), int((block.role[seen] == "check").sum())
-    roots, x = np.asarray(ready.roots), np.asarray(state.x)
-    information = np.einsum("aei,aej->aij", roots, roots)
-    blocks = inverse[: 6 * stations, : 6 * stations].reshape(6, stations, 6, stations)
     pos_squares = (np.einsum("aek,ak->ae", roots, x) ** 2).sum(axis=1)
-    pos_taken = np.array([np.sum(blocks[a, :, a] * information[a]) for a in range(6)])
     moves = np.asarray(ready.unknowns.sigma) > 0
     pos_count = np.where(moves, (np.abs(roots).sum(axis=2) > 0).sum(axis=1), 0)
     pos_taken, pos_squares = np.where(moves, pos_taken, 0.0), np.where(moves, pos_squares, 0.0)
