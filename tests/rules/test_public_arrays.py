@@ -239,7 +239,7 @@ TAKES = {
         {"sensor": SENSOR, "block": BLOCK, "unknowns": [UNKNOWN], "start_m": POINT_M[None]},
         {"start_m": POINT_M},
         "start_m",
-        "sensor block unknowns errors blunders reweigh retime max_steps throw",
+        "sensor block unknowns errors blunders reweigh retime surface max_steps throw",
     ),
     "Block": Takes(
         RAYS,

@@ -92,6 +92,21 @@ def test_statements_add(kind):
     check_rows(found, corrected, kind, [(SIX, CORRELATION_S), shaking])
 
 
+@pytest.mark.parametrize("anew", ["strip", "flight"])
+def test_a_constant_adds(anew):
+    """Beside what wanders, a bias of each strip, or of all, is sigma^2 in all covariances."""
+    corrected = sensor(wj.Correction(BASES["orientation images"]))
+    bias = wj.FrameErrors("pos", (2e-4, 2e-4, 0.0), (0.1, 0.2, 0.1), np.inf, anew=anew)
+    found = of(corrected, wj.FrameErrors("pos", **SIGMA, correlation_s=CORRELATION_S, anew="strip"), bias)
+    t, segment = np.concatenate([part[0] for part in epochs("orientation images")]), np.repeat([0, 1], NODES)
+    same = segment[:, None] == segment
+    for axis in (0, 1, 3, 4, 5):
+        drift = np.where(same, covariance_at(t, SIX[axis], CORRELATION_S[axis]), 0.0)
+        constant = (same if anew == "strip" else 1.0) * np.asarray(bias.sigma[axis]) ** 2
+        root = found.roots(corrected)[axis] / found.sigma[axis]
+        np.testing.assert_allclose(root @ (drift + constant) @ root.T, np.eye(len(t)), rtol=0, atol=1e-9)
+
+
 def test_a_sigma_for_each_image():
     """Rows are as many times shorter as a sigma is larger than that in which motions are counted."""
     three = sensor(wj.PosePerImage(np.zeros((3, 3)), np.tile([0.0, 0, 0, 1], (3, 1))))
@@ -139,10 +154,7 @@ REFUSED = {
     "a mount": ({"frame": "mount"}, "mount is a Mount; a Correction or a PosePerImage is needed"),
     "no frame": ({"frame": "head"}, "no frame named 'head'; there are photo, mount, wave"),
     "constant": ({"correlation_s": np.inf}, r"shift x errs by a constant, which is an unknown: motion_unknowns\(\)"),
-    "level": (
-        {"axes": "level"},
-        'errors of photo are in level axes; .*: axes="frame"',
-    ),
+    "free and level": ({"axes": "level", "shift_sigma_m": (np.inf,) * 3}, "are infinite along level axes"),
     "nothing": ({"shift_sigma_m": (0.0,) * 3}, "all sigmas are zero, so the trajectory would not change: leave errors out"),
     "half free": ({"shift_sigma_m": (1.0, np.inf, 1.0)}, "some sigmas are infinite and others are not; make two statements"),
     "by swing": ({"frame": "wave", "correlation_s": 5.0, "anew": "swing"}, "nodes in time know anew=.strip., their segments"),

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ...chain.detector import refuse_pixels_without_direction
 from ...chain.extremes import refuse_extremes
 from ...chain.sensor import Sensor
+from ...earth.surface import AbstractSurface, need_surface
 from ...rules import Arrays, WhiskjaxError, arrays_of, need, need_flags, plain, require_x64
 from ...rules.progress import tell
 from ...rules.results import codes_of
@@ -42,6 +43,7 @@ def adjust(
     blunders: Blunders | None = None,
     reweigh: bool = False,
     retime: bool = True,
+    surface: AbstractSurface | None = None,
     max_steps: int = 30,
     throw: bool = True,
 ) -> Adjustment:
@@ -58,13 +60,14 @@ def adjust(
       earlier answer, or its `Estimate`, is the joint prior of its numbers.
     - `errors`: how the record of one link errs whose motions at stations (orientation images, spline coefficients, images) are
       estimated: statements of it add, white or Ornstein-Uhlenbeck, drawn anew for each "strip" (segment of its nodes) or not;
-      infinite sigmas are free poses. Without a statement the trajectory is kept as it is.
+      in the frame's axes or level ones; infinite sigmas are free poses. Without a statement the trajectory is kept as it is.
     - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (of free
       poses, after the images are resected from control points).
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
     - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
     - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
       taken for geometry (crossing.py); `Adjustment.block` is the block so timed. Off, the block is adjusted as it is.
+    - `surface`: what is level, for errors in level axes; the ellipsoid by default.
     - `max_steps`: of each solution; blunders and weights take several.
     - `throw`: raise where the block cannot be solved; else look at `result`.
 
@@ -85,8 +88,10 @@ def adjust(
         need("adjust", "blunders", blunders, Blunders)
     need("adjust", "reweigh", reweigh, (bool, np.bool_), "True; groups as of Reweigh() are for calibrate")
     need_flags("adjust", retime=retime, throw=throw)
+    if surface is not None:
+        need_surface("adjust", surface)
     with jax.ensure_compile_time_eval():  # statements of errors are the host's
-        motions = at_stations("adjust", errors, sensor, block)
+        motions = at_stations("adjust", errors, sensor, block, surface)
     if not priors.unknowns and motions is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or errors, or use intersect")
     traced = arrays_of((sensor, block, priors, start_m)) is jnp

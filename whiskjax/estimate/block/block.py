@@ -231,12 +231,13 @@ class Block(eqx.Module):
         """The block with those rays only, by mask or index; all points stay, seen or not."""
         index = Arrays("Block.keep").take_choice("rays", rays, len(self))
         images = [self.images[int(i)] for i in index] if len(self.images) else ()
+        time_s, keys = self.key("time_s"), {name: self.key(name) for name in KEYS}
         return dataclasses.replace(
             self,
-            shot=self.shots(index),
             pixel_px=self.pixel_px[index],
             sigma_px=self.sigma_px[index],
-            point=self.point[index],
+            time_s=None if time_s is None else time_s[index],
+            fixed=self.fixed.changed(point=self.point[index], **{k: v if v is None else v[index] for k, v in keys.items()}),
             images=images,
         )
 

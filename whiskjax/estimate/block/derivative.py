@@ -75,7 +75,7 @@ def half_cost(ready: Ready, state: State) -> Float[Array, ""]:
     chunks = ready.tiles.chunks
     holds = jnp.arange(chunks.units.shape[0]) < ready.tiles.count
     seen = jax.vmap(of)(chunks, state.points, holds).sum()
-    recorded = jnp.einsum("aek,ak->ae", ready.roots, state.x)
+    recorded = ready.recorded(state.x)
     prior = ready.unknowns.others.root @ state.u
     return 0.5 * (seen + (recorded**2).sum() + prior @ prior)
 

@@ -32,17 +32,21 @@ class State(eqx.Module):
 
 
 class Ready(eqx.Module):
-    """A block as numbers. `roots` are the rows of POS, whitened."""
+    """A block as numbers. `roots` are the rows of POS, whitened: for each axis, or for turns and shifts (station_errors.py)."""
 
     sensor: Sensor
     unknowns: Unknowns
     tiles: Tiles
-    roots: Float[Array, "6 stations stations"]
+    roots: Float[Array, "groups rows rows"]
 
     @property
     def rays(self) -> int:
         """How many seats there are for rays."""
         return self.tiles.chunks.pixel[0].size
+
+    def recorded(self, x: Float[Array, "6 stations"]) -> Float[Array, "groups rows"]:
+        """Whitened residuals of POS."""
+        return jnp.einsum("aek,ak->ae", self.roots, x.reshape(self.roots.shape[::2]))
 
 
 class Prepared(eqx.Module):
@@ -144,8 +148,7 @@ def prepare(
         link = motions.stations(sensor)
         stations, segments = link.stations, link.segments
         _refuse_traced_nodes(motions.link, link)
-        with jax.ensure_compile_time_eval():
-            sigma, roots = motions.sigma, motions.roots(sensor)
+        sigma, roots = motions.sigma, motions.roots(sensor)
         first, acting = _acting(link, block)
     laid = keep if keep is not None and keep.holds(first, acting) else plan(block.point, first, acting, segments)
     numbers = Unknowns(others, on_device(sigma), None if motions is None else motions.link)

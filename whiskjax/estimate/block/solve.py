@@ -56,10 +56,10 @@ def equations(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     corner = normal.corner
     matrix = jnp.block([[half + half.T, border[:, :q]], [border[:, :q].T, corner[:q, :q]]])
     right = jnp.concatenate([border[:, q], corner[:q, q]])
-    residual = jnp.einsum("aek,ak->ae", ready.roots, state.x)
+    groups, residual = len(ready.roots), ready.recorded(state.x)
     information = jnp.einsum("aei,aej->aij", ready.roots, ready.roots)
-    for a in range(6):
-        place = slice(a * stations, (a + 1) * stations)
+    for a in range(groups):
+        place = slice(a * m // groups, (a + 1) * m // groups)
         matrix = matrix.at[place, place].add(information[a])
     pull = ready.unknowns.others.information
     slope = pull @ state.u

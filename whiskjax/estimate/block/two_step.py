@@ -208,8 +208,8 @@ def _fit_mounts(
     """Step two: the change of the mounts that leaves the least of the motions, and what is left of them."""
     roots = np.asarray(prepared.ready.roots)
     x = np.asarray(state.x)
-    rows = np.einsum("aek,mak->aem", roots, effect).reshape(-1, len(effect))
-    right = np.einsum("aek,ak->ae", roots, x).ravel()
+    rows = np.einsum("aek,mak->aem", roots, effect.reshape(-1, *roots.shape[::2])).reshape(-1, len(effect))
+    right = np.asarray(prepared.ready.recorded(state.x)).ravel()
     step = np.linalg.lstsq(np.concatenate([rows, np.diag(prior)]), np.concatenate([right, prior * to_mean]), rcond=None)[0]
     return step, State(jnp.asarray(x - np.einsum("mak,m->ak", effect, step)), state.u, state.points)
 
@@ -219,12 +219,13 @@ def _rate(
 ) -> tuple[float, Float[np.ndarray, " mounts"]]:
     """The contraction rate, and the mounts' predicted sigmas in the joint solution."""
     roots = np.asarray(prepared.ready.roots)
-    stations, m = roots.shape[2], len(effect)
+    m = len(effect)
     yy = np.asarray(reduced.matrix)
     information = np.einsum("aei,aej->aij", roots, roots)
+    size, effect = effect[0].size, effect.reshape(m, *roots.shape[::2])
     yz = np.zeros((len(yy), m))
     # POS sees x = y - A z, and only POS sees z.
-    yz[: 6 * stations] = -np.einsum("aij,maj->aim", information, effect).reshape(6 * stations, m)
+    yz[:size] = -np.einsum("aij,maj->aim", information, effect).reshape(size, m)
     zz = np.einsum("mai,aij,naj->mn", effect, information, effect) + np.diag(prior**2)
     inner = np.linalg.solve(yy, yz)
     rate = float(np.abs(np.linalg.eigvals(np.linalg.solve(zz, yz.T @ inner))).max())

@@ -64,7 +64,7 @@ def _rescaled(given: Prepared, factor: np.ndarray, state: State, used: np.ndarra
         covariance_m2=given.block.covariance_m2 * factor[_CONTROL] ** 2,
     )
     weight = np.where(used[:, None], 1 / block.sigma_px, 0.0)
-    roots = given.ready.roots / jnp.asarray(np.repeat(factor[[_TURN, _SHIFT]], 3))[:, None, None]
+    roots = given.ready.roots / jnp.asarray(np.repeat(factor[[_TURN, _SHIFT]], len(given.ready.roots) // 2))[:, None, None]
     prepared = dataclasses.replace(given, block=block).weighted(weight, state)
     return dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.roots, prepared.ready, roots))
 
@@ -75,12 +75,17 @@ def _groups(
     """Sums of squares, redundancies and numbers of observations of the four groups."""
     ready, state, block = prepared.ready, solved.state, prepared.block
     inverse = np.linalg.inv(np.asarray(solved.reduced.matrix))
-    stations = state.x.shape[1]
-    roots, x = np.asarray(ready.roots), np.asarray(state.x)
+    # Of turns and of shifts, and what of them moves: rows of an axis that stays take it, and are no observations.
+    roots, size = np.asarray(ready.roots), state.x.size
+    groups, _, stretch = roots.shape
     information = np.einsum("aei,aej->aij", roots, roots)
-    blocks = inverse[: 6 * stations, : 6 * stations].reshape(6, stations, 6, stations)
-    pos_taken = np.array([np.sum(blocks[a, :, a] * information[a]) for a in range(6)])
-    priors = pos_taken.sum() + np.sum(inverse[6 * stations :, 6 * stations :] * np.asarray(ready.unknowns.others.information))
+    blocks = inverse[:size, :size].reshape(groups, stretch, groups, stretch)
+    taken = np.stack([np.sum(blocks[a, :, a] * information[a], axis=1) for a in range(groups)]).reshape(2, -1)
+    moves = np.repeat(np.asarray(ready.unknowns.sigma) > 0, state.x.shape[1]).reshape(2, -1)
+    pos_taken = np.where(moves, taken, 0.0).sum(axis=1)
+    pos_count = (moves & (np.abs(roots).sum(axis=2) > 0).reshape(2, -1)).sum(axis=1)
+    pos_squares = np.where(moves, np.asarray(ready.recorded(state.x)).reshape(2, -1) ** 2, 0.0).sum(axis=1)
+    priors = taken.sum() + np.sum(inverse[size:, size:] * np.asarray(ready.unknowns.others.information))
     # What control and check points give to the reduced matrix; the rest comes from the ties, and all together take its trace.
     control = (block.role == "control") & block.seen
     some = used & ~prepared.lone(used)[block.point]
@@ -94,12 +99,8 @@ def _groups(
     pulled = np.einsum("ni,nij,nj->", off, block.information()[control], off)
     seen = np.unique(block.point[some])
     ties, others = int((block.role[seen] == "tie").sum()), int((block.role[seen] == "check").sum())
-    pos_squares = (np.einsum("aek,ak->ae", roots, x) ** 2).sum(axis=1)
-    moves = np.asarray(ready.unknowns.sigma) > 0
-    pos_count = np.where(moves, (np.abs(roots).sum(axis=2) > 0).sum(axis=1), 0)
-    pos_taken, pos_squares = np.where(moves, pos_taken, 0.0), np.where(moves, pos_squares, 0.0)
-    squares = [squared[~marked].sum(), squared[marked].sum() + pulled, pos_squares[:3].sum(), pos_squares[3:].sum()]
+    squares = [squared[~marked].sum(), squared[marked].sum() + pulled, *pos_squares]
     count = [2 * int((some & ~marked).sum()), 2 * int((some & marked).sum()) + 3 * int(control.sum())]
-    count += [int(pos_count[:3].sum()), int(pos_count[3:].sum())]
-    taken = [taken_ties + 3 * ties, taken_marked + 3 * (others + int(control.sum())), pos_taken[:3].sum(), pos_taken[3:].sum()]
-    return np.array(squares, dtype=float), np.array(count) - np.array(taken), np.array(count)
+    count += [int(n) for n in pos_count]
+    used_up = [taken_ties + 3 * ties, taken_marked + 3 * (others + int(control.sum())), *pos_taken]
+    return np.array(squares, dtype=float), np.array(count) - np.array(used_up), np.array(count)
