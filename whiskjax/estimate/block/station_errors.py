@@ -14,15 +14,15 @@ from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.stations import AbstractStations
 from ...earth.surface import AbstractSurface
-from ...rules import WhiskjaxError, arrays_of, is_traced, plain
+from ...rules import WhiskjaxError, arrays_of, is_traced
 from ..errors import AXES, FrameErrors, need_errors
 from ..level import frame_from_level
 from ..memory import CONSTANT, FADING, WHITE
 from .block import Block
+from .station_rows import Axes
 
 # Of a start about which nothing was said: a tenth of a radian, and of the distance to the points.
 _LOOSE = 0.1
-_LEAST = 1e-12  # eigenvalue of a correlation of stations: below it is what rounding leaves of zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,105 +78,14 @@ class StationErrors:
         in which the record does not err; or where nobody knows what is up.
         """
         link = self.stations(sensor)
+        axes = Axes(link, self.errors, self.sigma, self.free)
         with jax.ensure_compile_time_eval():  # the nodes are the host's
-            basis = link.basis if isinstance(link, Correction) else None
-            rows = _dense(basis) if isinstance(basis, AbstractUniform) else np.eye(link.stations)
             if all(e.axes == "frame" for e in self.errors):
-                return np.stack([self._root(k, link, rows) for k in range(6)])
-            epochs = Shot(image=np.arange(len(rows))) if link.epoch_s is None else Shot(time_s=jnp.asarray(link.epoch_s))
+                return np.stack([axes.alone(k) for k in range(6)])
+            times = Shot(image=np.arange(link.stations)) if link.epoch_s is None else Shot(time_s=jnp.asarray(link.epoch_s))
         # A node may lie behind the end of the record: what is level there is what the last samples lead to.
-        into = frame_from_level(self.link, sensor.pose(epochs, self.link), self.surface)
-        math = arrays_of(into)
-        shape = (len(rows),)
-        turned = [[math.broadcast_to(plain(c), shape) for c in row] for row in into]
-        return math.stack([self._joint(first, link, rows, turned) for first in (0, 3)])
-
-    def _joint(self, first: int, link: AbstractStations, rows: Float[np.ndarray, "n n"], turned: list[list[Any]]) -> Any:
-        """The rows of three axes together."""
-        size, axes = len(rows), range(3)
-        math: Any = arrays_of(turned)
-        total = [[np.zeros((size, size)) for _ in axes] for _ in axes]
-        for e in self.errors:
-            for k in (k for k in e.acting if first <= k < first + 3):
-                with jax.ensure_compile_time_eval():
-                    of_axis = _scaled(self._covariance(e, k, link, size), _at(e, k, size))
-                for i in axes:
-                    for j in axes:
-                        if e.axes == "level":
-                            c, d = turned[i][k - first], turned[j][k - first]
-                            total[i][j] = total[i][j] + c[:, None] * of_axis * d[None, :]
-                        elif i == j == k - first:
-                            total[i][j] = total[i][j] + of_axis
-        whole = math.concatenate([math.concatenate(row, axis=1) for row in total], axis=0)
-        # Axes of which nothing was recorded say nothing; those that stay hold their coefficients.
-        free = np.repeat(self.free[first : first + 3], size)
-        still = np.repeat(self.sigma[first : first + 3] == 0, size) & ~free
-        apart = (free | still)[:, None] | (free | still)[None, :]
-        whole = math.where(apart, np.diag((free | still).astype(float)), whole)
-        whitened = np.kron(np.eye(3), rows) * np.repeat(
-            np.where(self.sigma[first : first + 3] > 0, self.sigma[first : first + 3], 1.0), size
-        )
-        found = math.linalg.solve(self._cholesky(whole), whitened)
-        return math.where(free[:, None], 0.0, found)
-
-    def _cholesky(self, covariance: Any) -> Any:
-        """Its root.
-
-        **Raises:** `WhiskjaxError` where it has none.
-        """
-        if is_traced(covariance):
-            return jnp.linalg.cholesky(covariance)
-        variance = np.diag(covariance)
-        size = np.sqrt(np.where(variance > 0, variance, 1.0))
-        if np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance / np.outer(size, size))[0] > _LEAST:
-            return np.linalg.cholesky(covariance)
-        raise WhiskjaxError(
-            f"errors of {self.link} are singular: some motion of its stations has no error at all, or the record does not reach "
-            "them; say of every axis how it errs, and not by a constant alone"
-        )
-
-    def _root(self, k: int, link: AbstractStations, rows: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-        size = len(rows)
-        if self.free[k]:
-            return np.zeros((size, size))
-        said = [e for e in self.errors if k in e.acting and np.any(np.asarray(e.sigma[k]) != 0)]
-        if len(said) == 1 and said[0].memory[k] != CONSTANT:
-            return self._whitened(said[0], k, link, rows)
-        if not said:
-            return rows
-        covariance = sum(_scaled(self._covariance(e, k, link, size), _at(e, k, size) / self.sigma[k]) for e in said)
-        return np.linalg.solve(self._cholesky(covariance), rows)
-
-    def _whitened(self, e: FrameErrors, k: int, link: AbstractStations, rows: np.ndarray) -> np.ndarray:
-        """Of one statement: v_k, or (v_k - rho v_(k-1)) / sqrt(1 - rho^2), where rows give v."""
-        if np.ndim(e.sigma[k]):
-            rows = rows * (self.sigma[k] / _at(e, k, len(rows)))[:, None]
-        if e.memory[k] != FADING:
-            return rows
-        t, firsts = self._epochs(e, link)
-        return _forgetting(t, firsts, float(e.correlation_s[k])) @ rows
-
-    def _covariance(self, e: FrameErrors, k: int, link: AbstractStations, size: int) -> np.ndarray:
-        """The correlation of one statement between the epochs at which the record observes."""
-        if e.memory[k] == WHITE or (e.memory[k] == CONSTANT and e.anew == "image"):
-            return np.eye(size)
-        if e.memory[k] == CONSTANT and e.anew == "flight":
-            return np.ones((size, size))
-        t, firsts = self._epochs(e, link)
-        segment = np.searchsorted(firsts, np.arange(size), side="right")
-        same = segment[:, None] == segment[None, :]
-        away = np.abs(t[:, None] - t[None, :])
-        return np.where(same, 1.0 if e.memory[k] == CONSTANT else np.exp(-away / float(e.correlation_s[k])), 0.0)
-
-    def _epochs(self, e: FrameErrors, link: AbstractStations) -> tuple[np.ndarray, np.ndarray]:
-        """Times at which the record observes, and the number of the first of each stretch for which errors are drawn anew."""
-        basis = getattr(link, "basis", None)
-        if not isinstance(basis, AbstractUniform):
-            raise WhiskjaxError(
-                f"errors of {self.link}: {self.link} has no nodes in time, so its errors cannot be correlated in time"
-            )
-        firsts = np.cumsum((0, *basis.nodes[:-1])) if e.anew == "strip" else np.zeros(1, dtype=int)
-        return basis.epoch_s, firsts
+        into = frame_from_level(self.link, sensor.pose(times, self.link), self.surface)
+        return arrays_of(into).stack([axes.together(first, into) for first in (0, 3)])
 
 
 def at_stations(
@@ -268,20 +177,11 @@ def _along(e: FrameErrors, k: int) -> list[Any]:
     return [np.sqrt(sum(np.mean(np.square(e.sigma[j])) for j in range(first, first + 3)) / 3)]
 
 
-def _at(e: FrameErrors, k: int, size: int) -> Float[np.ndarray, " stations"]:
-    """The sigma of one axis at every station."""
-    return np.broadcast_to(np.asarray(e.sigma[k], dtype=float), (size,))
-
-
 def _together(sigmas: list[Any]) -> float:
     """The sigma of a sum, over the stations in the mean; of a single number to the last digit."""
     if len(sigmas) == 1 and np.ndim(sigmas[0]) == 0:
         return float(sigmas[0])
     return float(np.sqrt(sum(np.mean(np.square(s)) for s in sigmas)))
-
-
-def _scaled(correlation: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    return sigma[:, None] * correlation * sigma[None, :]
 
 
 def _distance(sensor: Sensor, block: Block | None) -> float:
@@ -293,30 +193,3 @@ def _distance(sensor: Sensor, block: Block | None) -> float:
     camera = np.stack([np.broadcast_to(np.asarray(c), (len(rays),)) for c in sensor.pose(seen.shots()).translation], axis=-1)
     away = np.linalg.norm(block.position_m[seen.point] - camera, axis=1)
     return float(np.median(away)) or 1.0
-
-
-def _dense(basis: AbstractUniform) -> Float[np.ndarray, "epochs coefficients"]:
-    """Weights of the coefficients at the basis' epochs."""
-    rows = np.zeros((basis.size, basis.size))
-    for i, weight in basis.weights(basis.epoch_s):
-        rows[np.arange(basis.size), np.asarray(i)] += np.asarray(weight)
-    return rows
-
-
-def _forgetting(t: np.ndarray, firsts: np.ndarray, correlation_s: float) -> Float[np.ndarray, "epochs epochs"]:
-    """Inverse Cholesky factor of the process at the epochs: (v_k - rho v_(k-1)) / sqrt(1 - rho^2), anew in each stretch.
-
-    **Raises:** `WhiskjaxError` where two epochs of one stretch are the same moment.
-    """
-    factor = np.eye(len(t))
-    for first, stop in zip(firsts, (*firsts[1:], len(t)), strict=True):
-        rho = np.exp(-np.diff(t[first:stop]) / correlation_s)
-        if (rho >= 1).any():
-            raise WhiskjaxError(
-                f"two nodes lie {np.diff(t[first:stop]).min():g} s apart, where errors of {correlation_s:g} s are the same: "
-                'segments that touch are joined by anew="strip" only'
-            )
-        k = np.arange(first + 1, stop)
-        factor[k, k] = 1 / np.sqrt(1 - rho**2)
-        factor[k, k - 1] = -rho / np.sqrt(1 - rho**2)
-    return factor

@@ -1,0 +1,148 @@
+"""What a record says of motions at stations: rows that whiten the covariance of its errors there."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...algebra.vectors import Mat3
+from ...chain.correction import AbstractUniform, Correction
+from ...chain.stations import AbstractStations
+from ...rules import WhiskjaxError, arrays_of, is_traced, plain
+from ..errors import FrameErrors
+from ..memory import CONSTANT, FADING, WHITE
+
+_LEAST = 1e-12  # eigenvalue of a correlation of stations: below it is what rounding leaves of zero
+
+
+@dataclasses.dataclass(frozen=True)
+class Axes:
+    """Turns about and shifts along the three axes of a link's frame, as `StationErrors` has them."""
+
+    link: AbstractStations
+    errors: tuple[FrameErrors, ...]
+    sigma: Float[np.ndarray, " 6"]
+    free: tuple[bool, ...]
+
+    @property
+    def rows(self) -> Float[np.ndarray, "n n"]:
+        """Weights of the coefficients at the times at which the record observes."""
+        basis = self.link.basis if isinstance(self.link, Correction) else None
+        return _dense(basis) if isinstance(basis, AbstractUniform) else np.eye(self.link.stations)
+
+    def alone(self, k: int) -> Float[np.ndarray, "n n"]:
+        """The rows of an axis that is independent of the others."""
+        rows, size = self.rows, self.link.stations
+        if self.free[k]:
+            return np.zeros((size, size))
+        said = [e for e in self.errors if k in e.acting and np.any(np.asarray(e.sigma[k]) != 0)]
+        if not said:
+            return rows
+        if len(said) > 1 or said[0].memory[k] == CONSTANT:
+            covariance = sum(self._covariance(e, k) for e in said) / self.sigma[k] ** 2
+            return np.linalg.solve(self._root(covariance), rows)
+        e = said[0]  # v_k, or (v_k - rho v_(k-1)) / sqrt(1 - rho^2), where rows give v
+        if np.ndim(e.sigma[k]):
+            rows = rows * (self.sigma[k] / np.asarray(e.sigma[k]))[:, None]
+        return _forgetting(*_epochs(e, self.link), float(e.correlation_s[k])) @ rows if e.memory[k] == FADING else rows
+
+    def together(self, first: int, into: Mat3) -> Float[Any, "rows rows"]:
+        """The rows of three axes that hang together, one axis behind the other.
+
+        **Arguments:** `first`: 0 for turns, 3 for shifts; `into`: the rotations from level axes into those of the frame.
+        """
+        size, three, math = self.link.stations, range(3), arrays_of(into)
+        turned = [[math.broadcast_to(plain(c), (size,)) for c in row] for row in into]
+        total: Any = [[np.zeros((size, size)) for _ in three] for _ in three]
+        for e in self.errors:
+            for k in (k for k in three if first + k in e.acting):
+                with jax.ensure_compile_time_eval():
+                    own = self._covariance(e, first + k)
+                if e.axes == "frame":
+                    total[k][k] = total[k][k] + own
+                    continue
+                for i in three:
+                    for j in three:
+                        total[i][j] = total[i][j] + turned[i][k][:, None] * own * turned[j][k][None, :]
+        covariance = math.concatenate([math.concatenate(row, axis=1) for row in total], axis=0)
+        # Axes of which nothing was recorded say nothing; those that stay hold their coefficients.
+        sigma, free = (np.repeat(of[first : first + 3], size) for of in (self.sigma, self.free))
+        apart = free | (sigma == 0)
+        covariance = math.where(apart[:, None] | apart[None, :], np.diag(apart.astype(float)), covariance)
+        with jax.ensure_compile_time_eval():
+            rows = np.kron(np.eye(3), self.rows) * np.where(sigma > 0, sigma, 1.0)
+        return math.where(free[:, None], 0.0, math.linalg.solve(self._root(covariance), rows))
+
+    def _covariance(self, e: FrameErrors, k: int) -> Float[np.ndarray, "n n"]:
+        """Of one statement, between the times at which the record observes."""
+        size = self.link.stations
+        sigma = np.broadcast_to(np.asarray(e.sigma[k], dtype=float), (size,))
+        return sigma[:, None] * self._correlation(e, k, size) * sigma[None, :]
+
+    def _correlation(self, e: FrameErrors, k: int, size: int) -> Float[np.ndarray, "n n"]:
+        if e.memory[k] == WHITE or (e.memory[k] == CONSTANT and e.anew == "image"):
+            return np.eye(size)
+        if e.memory[k] == CONSTANT and e.anew == "flight":
+            return np.ones((size, size))
+        t, firsts = _epochs(e, self.link)
+        segment = np.searchsorted(firsts, np.arange(size), side="right")
+        kept = 1.0 if e.memory[k] == CONSTANT else np.exp(-np.abs(t[:, None] - t[None, :]) / float(e.correlation_s[k]))
+        return np.where(segment[:, None] == segment[None, :], kept, 0.0)
+
+    def _root(self, covariance: Any) -> Any:
+        """Its Cholesky factor.
+
+        **Raises:** `WhiskjaxError` where it has none.
+        """
+        if is_traced(covariance):
+            return jnp.linalg.cholesky(covariance)
+        variance = np.diag(covariance)
+        size = np.sqrt(np.where(variance > 0, variance, 1.0))
+        if np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance / np.outer(size, size))[0] > _LEAST:
+            return np.linalg.cholesky(covariance)
+        raise WhiskjaxError(
+            f"errors of {self.errors[0].frame} are singular: some motion of its stations has no error at all, or the record does "
+            "not reach them; say of every axis how it errs, and not by a constant alone"
+        )
+
+
+def _epochs(e: FrameErrors, link: AbstractStations) -> tuple[np.ndarray, np.ndarray]:
+    """Times at which the record observes, and the number of the first of each stretch for which errors are drawn anew.
+
+    **Raises:** `WhiskjaxError` where the link has no nodes in time.
+    """
+    basis = getattr(link, "basis", None)
+    if not isinstance(basis, AbstractUniform):
+        raise WhiskjaxError(f"errors of {e.frame}: {e.frame} has no nodes in time, so its errors cannot be correlated in time")
+    firsts = np.cumsum((0, *basis.nodes[:-1])) if e.anew == "strip" else np.zeros(1, dtype=int)
+    return basis.epoch_s, firsts
+
+
+def _dense(basis: AbstractUniform) -> Float[np.ndarray, "epochs coefficients"]:
+    """Weights of the coefficients at the basis' epochs."""
+    rows = np.zeros((basis.size, basis.size))
+    for i, weight in basis.weights(basis.epoch_s):
+        rows[np.arange(basis.size), np.asarray(i)] += np.asarray(weight)
+    return rows
+
+
+def _forgetting(t: np.ndarray, firsts: np.ndarray, correlation_s: float) -> Float[np.ndarray, "epochs epochs"]:
+    """Inverse Cholesky factor of the process at the epochs: (v_k - rho v_(k-1)) / sqrt(1 - rho^2), anew in each stretch.
+
+    **Raises:** `WhiskjaxError` where two epochs of one stretch are the same moment.
+    """
+    factor = np.eye(len(t))
+    for first, stop in zip(firsts, (*firsts[1:], len(t)), strict=True):
+        rho = np.exp(-np.diff(t[first:stop]) / correlation_s)
+        if (rho >= 1).any():
+            raise WhiskjaxError(
+                f"two nodes lie {np.diff(t[first:stop]).min():g} s apart, where errors of {correlation_s:g} s are the same: "
+                'segments that touch are joined by anew="strip" only'
+            )
+        k = np.arange(first + 1, stop)
+        factor[k, k] = 1 / np.sqrt(1 - rho**2)
+        factor[k, k - 1] = -rho / np.sqrt(1 - rho**2)
+    return factor
