@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from ..rules import Arrays, WhiskjaxError
 from ..rules.progress import tell
 from .linearised import LeastSquares, Linearised, linearise, refine
-from .reliability import squared_residuals, whitened_covariance
+from .reliability import foreseen, squared_residuals, whitened_covariance
 
 _NARROWING, _STARTS, _SOME, _LAST_STEPS = 2.0, 60, (0.1, 0.5), 20
 _SAME = 1e-4  # of a prior sigma: the descent only has to find the right points
@@ -57,6 +57,9 @@ def data_snooping(
 ) -> tuple[Linearised, Bool[np.ndarray, " n"]]:
     """The solution without blunders, and which observations it keeps.
 
+    The descents take every ray by itself, its point's survey error counted in each: a blunder then spoils no other ray. What they
+    find is judged with the rays of a point weighed together.
+
     **Arguments:** `here`: the least-squares solution with them; `control`: observations that may take part.
     """
     here = _robust(ready, here, control, rule.bound)
@@ -65,7 +68,7 @@ def data_snooping(
         tell(f"blunders: round {i + 1}, {int((control & ~kept).sum())} of {int(control.sum())} observations left out")
         here = refine(ready, here, kept.astype(float), steps=10)
         share = kept.astype(float)
-        squared = squared_residuals(here, whitened_covariance(ready, here, share), share)
+        squared = squared_residuals(foreseen(ready, here, share), whitened_covariance(ready, here, share), share)
         seen.append(kept)
         kept = control & (squared <= rule.bound)
         if any((kept == before).all() for before in seen):

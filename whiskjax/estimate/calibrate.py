@@ -22,7 +22,7 @@ from .error_effects import common_columns_px
 from .errors import FrameErrors, need_errors
 from .estimate import Estimate
 from .given import Given, Knowledge, given
-from .linearised import LeastSquares, Linearised, linearise, prepare, refine, refuse, solve, weighted_rows
+from .linearised import LeastSquares, Linearised, independent, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
 from .observations import Observations
 from .posterior import RANK_TOLERANCE, posterior
@@ -52,7 +52,7 @@ def calibrate(
 
     Minimises the whitened squares of residuals and priors by Levenberg-Marquardt (Jin et al. 2024, equations 12 to 16,
     generalised: the pseudo-observations are the priors). Check points take no part and are reported apart. The sigmas of control
-    point coordinates are propagated into the weights at the start.
+    point coordinates are propagated into the weights at the start: a point's survey is one error, however many rays see it.
 
     **Arguments:**
 
@@ -63,9 +63,11 @@ def calibrate(
     - `consider`: numbers with a prior that are not estimated, but whose uncertainty counts in the covariance: POS biases at a
       joint, say, that the next flight will not share; or an earlier answer.
     - `errors`: how recorded frames err. What is new at every exposure weighs; what exposures have in common, a bias or one that
-      wanders, is considered: the estimate does not know of it, the covariance does.
+      wanders, is considered: the estimate does not know of it, the covariance and the model test do.
     - `surface`: what is level, for errors in level axes; the ellipsoid by default.
-    - `loss`: `Huber(...)` or `Cauchy(...)`, which lets far observations pull less; None is least squares.
+    - `loss`: `Huber(...)` or `Cauchy(...)`, which lets far observations pull less; None is least squares. It acts on residuals
+      that are independent; where rays share a point, a gross error of one shows in the others as well, the more the less well
+      the point is known, and `blunders` tells them apart better.
     - `blunders`: `Blunders()` finds gross errors, leaves them out and names them.
     - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too.
     - `throw`: raise where the solution did not converge or is not determined; else look at `result`.
@@ -112,13 +114,15 @@ def calibrate(
     here, used, found, unknowns = linearise(ready, u), control, None, priors.unknowns
     if not traced:
         for _ in range(POLISH if loss is not None else 1):
-            here = refine(ready, here, _share(here, control, loss), 1 if loss is not None else POLISH, NEAR)
+            pull = _share(independent(ready, here, control.astype(float)), control, loss)
+            here = refine(ready, here, pull, 1 if loss is not None else POLISH, NEAR)
         weights = reweigh if bool(is_successful(result)) else None
         ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)
+    here = independent(ready, here, used.astype(float))
     share = _share(here, used | ~control, loss)
     formal, is_determined = _formal(ready, here, share * used.astype(float))
-    effect = _effects(ready, here, considered, errors, surface)
-    moved = None if effect is None else Considered.of(here, formal, share * used.astype(float), effect)
+    effect_px = _effects_px(ready, here, considered, errors, surface)
+    moved = None if effect_px is None else Considered.of(ready, here, formal, share * used.astype(float), effect_px)
     answer = Calibration(
         sensor=ready.problem.unknowns.put(ready.sensor, here.u),
         unknowns=tuple(unknowns),
@@ -185,12 +189,13 @@ def _estimated(
     share_left = math.where(math.asarray(ready.has_prior), variance, math.nan)
     lost = ~(variance > 0)
     covariance = formal * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
+    cost = math.where(kept, here.squared, 0.0).sum() + pulled @ pulled
     covariance = math.where(lost[:, None] | lost[None, :], math.where(math.eye(len(scale)) > 0, math.inf, math.nan), covariance)
     return Estimate(
         value=ready.values(here.u),
         covariance=covariance,
         prior_share=share_left,
-        cost=math.where(kept, here.squared, 0.0).sum() + pulled @ pulled,
+        cost=cost if moved is None else cost - moved.explains(ready, here, kept),
         freedom=2 * kept.sum() + ready.has_prior.sum() - len(scale),
         result=result,
         names=ready.problem.unknowns.names,
@@ -234,10 +239,10 @@ def _cleanse(
     return ready, here, used, tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True)), found
 
 
-def _effects(
+def _effects_px(
     ready: LeastSquares, here: Linearised, numbers: Given, errors: Sequence[FrameErrors], surface: AbstractSurface | None
 ) -> Float[Any, "n 2 c"] | None:
-    """What is considered does to every whitened residual at the solution, a column for one sigma of each; None for nothing.
+    """What is considered does to every residual in pixels at the solution, a column for one sigma of each; None for nothing.
 
     Numbers of the sensor with their joint prior, and what exposures have in common of the errors of recorded frames.
     """
@@ -249,14 +254,11 @@ def _effects(
     if numbers.unknowns:
         changed = prepare(solved, ready.observations, numbers, None).weighted(ready.weight)
         root = arrays_of(numbers.correlation).linalg.cholesky(numbers.correlation)
-        effects.append(linearise(changed, changed.start).rows @ root)
+        effects.append(linearise(changed, changed.start).rows_px @ root)
     if any(not one.is_white for one in errors):
         seen = ready.observations
         common, _ = common_columns_px(errors, solved, seen.shot, unstack(seen.point_m), surface)
-        common, (w00, w10, w11) = plain(common), ready.weight.T
-        x, y = -common[:, 0], -common[:, 1]  # of the residual: measured less projected from the pose as it was recorded
-        whitened = w00[:, None] * x, w10[:, None] * x + w11[:, None] * y
-        effects.append(arrays_of(whitened).stack(whitened, axis=1))
+        effects.append(-plain(common))  # of the residual: measured less projected from the pose as it was recorded
     return arrays_of(effects).concatenate(effects, axis=2) if effects else None
 
 

@@ -16,12 +16,13 @@ from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
 from .checks import CHECKS
 from .estimate import Estimate
 from .evidence import Evidence, Words, kinks, numbered, records
-from .linearised import LeastSquares, Linearised
+from .linearised import LeastSquares, Linearised, independent
 from .model_test import consistency
 from .observations import Observations
 from .posterior import Posterior, posterior
 from .reason import Reason, by_weight, is_sound, judged, warnings
-from .reliability import Reliability, log_density, of_common_points, reliability
+from .reliability import Reliability, foreseen, log_density, of_common_points, reliability
+from .surveys import triangles
 from .unknown import Unknown
 from .variance_components import Components
 
@@ -44,21 +45,47 @@ class Fit(NamedTuple):
 
 
 class Considered(NamedTuple):
-    """What c numbers that were not estimated do, one sigma of each: to every whitened residual, and to the whitened unknowns.
+    """What c numbers that were not estimated do, one sigma of each: to every residual in pixels, and to the whitened unknowns.
 
     A change of them moves the solution by -C J^T P H c (Schmidt 1966), with H the derivatives by them; `moved` is that without
-    its sign, so that its square widens the covariance.
+    its sign, so that its square widens the covariance. `effect` is H as whitened as the residuals.
+
+    They make residuals larger, and the model test has to know. With J and H whitened, priors as further rows (of H zero), the
+    errors before the fit have the covariance 1 + H H^T; the fit takes M = 1 - J C J^T of them, so that the residuals e have
+    M + E E^T with E = M H. M is a projector of as many dimensions as there are degrees of freedom, which leaves e and E as they
+    are; there (1 + E E^T)^-1 is the inverse of the covariance, and
+
+        e^T (1 + E E^T)^-1 e = |e|^2 - e^T E (1 + E^T E)^-1 E^T e
+
+    is chi-square of those degrees exactly. It is also the least |e + E c|^2 + |c|^2 over c: what the cost would be, had the
+    numbers been estimated with their priors; as many more priors as numbers leave the degrees of freedom where they are.
     """
 
+    effect_px: Float[Any, "n 2 c"]
     effect: Float[Any, "n 2 c"]
     moved: Float[Any, "k c"]
 
     @classmethod
     def of(
-        cls, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], effect: Float[Any, "n 2 c"]
+        cls, ready: LeastSquares, here: Linearised, formal: Float[Any, "k k"], share: Float[Any, " n"], effect_px: Any
     ) -> "Considered":
-        """From what they do to the residuals; `formal`: covariance C of the whitened unknowns without them."""
-        return cls(effect, formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect))
+        """From what they do to the residuals in pixels; `formal`: covariance C of the whitened unknowns without them.
+
+        **Arguments:** `here`: rays of one point weighed together; `share`: zero for observations that did not decide.
+        """
+        seen = here._replace(rows=triangles(ready.weight) @ effect_px, rows_px=effect_px)
+        effect = independent(ready, seen, (share > 0).astype(float)).rows
+        moved = formal @ arrays_of((effect, formal)).einsum("n,nik,nij->kj", share, here.rows, effect)
+        return cls(effect_px, effect, moved)
+
+    def explains(self, ready: LeastSquares, here: Linearised, kept: Bool[Any, " n"]) -> Any:
+        """How much of the sum of squared residuals the numbers explain: e^T E (1 + E^T E)^-1 E^T e of what was kept."""
+        math = arrays_of((self.effect, here.rows, kept))
+        left = math.where(kept[:, None, None], self.effect - here.rows @ self.moved, 0.0)
+        by_priors = ready.prior @ self.moved
+        seen = math.einsum("nic,ni->c", left, here.whitened) - by_priors.T @ (ready.prior @ here.u)
+        inner = math.eye(len(seen)) + math.einsum("nic,nid->cd", left, left) + by_priors.T @ by_priors
+        return seen @ math.linalg.solve(inner, seen)
 
     def covariance(self, scale: Float[Any, " k"]) -> Float[Any, "k k"]:
         """What they add to the covariance of the unknowns, in the units of the fields."""
@@ -149,17 +176,27 @@ class Calibration(eqx.Module):
         kept = at.used if at._ready.problem.loss is None else at.used & (at._here.squared <= BLUNDER**2)
         factor, tail, sound = consistency(at.estimate.cost, at.estimate.freedom)
         sound = bool(sound) and bool(kept.sum() > (1 - self._most) * control.sum())
-        check = _checked(at._ready, at._here, at._common, ~control) if self.posterior.is_determined else UNTESTED
+        check = at._checked(~control) if self.posterior.is_determined else UNTESTED
         return Fit(float(factor), float(tail), sound, int(at.estimate.freedom), check)
 
-    @property
-    def _common(self) -> Float[np.ndarray, "n 2 m"]:
-        """How the errors of the answer, columns of variance 1, move every whitened residual."""
-        common = self._here.rows @ _root(self._formal)
-        if self._considered is None:
-            return common
-        effect, moved = self._considered
-        return np.concatenate([common, effect - self._here.rows @ moved], axis=2)
+    def _checked(self, which: Bool[np.ndarray, " n"]) -> CheckTest:
+        """Check points beside their prediction, which knows what rays that decided say of a point that they see too."""
+        if not which.any():
+            return UNTESTED
+        index, share, ready = np.flatnonzero(which), self.used.astype(float), self._ready
+        of = foreseen(ready, self._here, share)
+        # How the errors of the answer, columns of variance 1, move every whitened residual.
+        common = of.rows @ _root(self._formal)
+        if self._considered is not None:
+            moving = self._here._replace(rows=self._considered.effect, rows_px=self._considered.effect_px)
+            by = foreseen(ready, moving, share).rows
+            common = np.concatenate([common, by - of.rows @ self._considered.moved], axis=2)
+        difference, spread = of.whitened[index], common[index]
+        covariance = np.eye(2) + of.left[index] + spread @ spread.swapaxes(1, 2)
+        own = np.einsum("ni,ni->n", difference, np.linalg.solve(covariance, difference[:, :, None])[..., 0])
+        difference, spread = of_common_points(ready, share, index, difference, spread)
+        together = joint_chi_square(difference.ravel(), spread.reshape(2 * len(index), -1))
+        return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])))
 
     @cached_property
     def reliability(self) -> Reliability:
@@ -172,7 +209,8 @@ class Calibration(eqx.Module):
         """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
         looking; NaN without check points."""
         at = self._told
-        return log_density(at._ready, at._here, at._formal, ~at.observations.is_control)
+        share = at.used.astype(float)
+        return log_density(foreseen(at._ready, at._here, share), at._formal, share, ~at.observations.is_control)
 
     @property
     def evidence(self) -> Evidence:
@@ -234,24 +272,6 @@ class Calibration(eqx.Module):
         """Control observations that were left out, by name."""
         wrong = self._told.observations.is_control & ~self._told.used
         return tuple(self.observations.label(int(i)) for i in np.flatnonzero(wrong))
-
-
-def _checked(
-    ready: LeastSquares, here: Linearised, common: Float[np.ndarray, "n 2 m"], which: Bool[np.ndarray, " n"]
-) -> CheckTest:
-    """The check points beside their prediction.
-
-    **Arguments:** `common`: how the errors of the answer (columns of variance 1) move every whitened residual.
-    """
-    if not which.any():
-        return UNTESTED
-    index = np.flatnonzero(which)
-    difference, spread = here.whitened[index], common[index]
-    covariance = np.eye(2) + spread @ spread.swapaxes(1, 2)
-    own = np.einsum("ni,ni->n", difference, np.linalg.solve(covariance, difference[:, :, None])[..., 0])
-    difference, spread = of_common_points(ready, index, difference, spread)
-    together = joint_chi_square(difference.ravel(), spread.reshape(2 * len(index), -1))
-    return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])))
 
 
 def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:

@@ -15,6 +15,8 @@ from .unknown import Unit, Unknown, unit_of
 class Estimate(eqx.Module):
     """Numbers of a sensor, with all that is known of them at the solution; traceable, and the same in every answer.
 
+    The answer of many runs has a leading axis in each of its arrays.
+
     Handed to `calibrate`, `adjust` or `locate` among the unknowns, it is their joint prior; as `consider`, numbers whose
     uncertainty counts.
 
@@ -23,7 +25,8 @@ class Estimate(eqx.Module):
     - `value`: in the units of the fields (m, rad, s, px), (k,); `covariance`: (k, k), what is considered is in it.
     - `prior_share`: posterior over prior variance, considered numbers left out: 1 where the data said nothing; NaN without a
       prior, (k,).
-    - `cost`: sum of squared whitened residuals, priors included; chi-square of `freedom` degrees where all is as was said.
+    - `cost`: sum of squared whitened residuals, priors included, as it would be if what was considered were estimated too;
+      chi-square of `freedom` degrees where all is as was said.
     - `result`: how the solution ended.
     - `names`, `places`: of the numbers: for people, and in the sensor.
     """

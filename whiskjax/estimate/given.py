@@ -51,6 +51,8 @@ def given(owner: str, name: str, items: Any) -> Given:
     for i, item in enumerate(items):
         item = getattr(item, "estimate", item)
         if isinstance(item, Estimate):
+            if np.ndim(item.value) > 1:
+                raise WhiskjaxError(f"{owner}: {name}[{i}] is the answer of many runs: hand on that of one")
             unknowns += item.unknowns
             blocks.append(_correlation(owner, f"{name}[{i}]", item))
         else:

@@ -13,10 +13,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
+from ..algebra.vectors import Vec2
+from ..chain.parameters import once
 from ..rules import RESULTS, first_failure
 from ..rules.results import failure_if
 from .columns import columns
-from .problem import Problem, residuals
+from .problem import Group, Problem, residuals
 
 # Of a prior sigma or scale; `calibrate` goes the rest of the way with Gauss-Newton steps.
 _TOLERANCE = 1e-6
@@ -88,6 +90,10 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
     pull = problem.unknowns.information
     slope = pull @ u
     normal = jnp.pad(pull, (0, 1)) + _border(slope, slope @ u)
+    if problem.shared is not None:  # rays of one point may be in several groups: all of them at once
+        for x, y in observed_rows(problem, u):
+            normal = normal + x @ x.T + y @ y.T
+        return normal
     for group in (g for g in problem.groups if g.decides):
         residual, by, order = columns(problem, group, u)
         weight = 1.0
@@ -101,6 +107,31 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
         product = rows[0] @ rows[0].T + rows[1] @ rows[1].T
         normal = normal + jnp.pad(product, (0, 1))[place[:, None], place[None, :]]
     return normal
+
+
+def observed_rows(problem: Problem, u: Float[Array, " unknowns"]) -> list[Vec2]:
+    """Of each group the whitened derivatives of its residuals by all unknowns, and the residuals as the last row,
+    (unknowns + 1, n) for x and y, under the robust loss; rays of one point weighed together. Zero of groups that decide nothing.
+    """
+    m, whole = u.shape[0], []
+    for group in problem.groups:
+        if not group.decides:
+            whole.append((jnp.zeros((m + 1, *group.point[0].shape)),) * 2)
+            continue
+
+        def seen(group: Group = group) -> Vec2:
+            residual, by, order = columns(problem, group, u)
+            place = jnp.array([*order, m])
+            parts = [jnp.concatenate([c, r[None]]) for c, r in zip(by, residual, strict=True)]
+            return tuple(jnp.zeros((m + 1, part.shape[1])).at[place].set(part) for part in parts)
+
+        whole.append(once(seen, problem.unknowns.scale[0] > 0))
+    if problem.shared is not None:
+        whole = problem.shared.independent(whole)
+    if problem.loss is None:
+        return whole
+    weights = [jnp.sqrt(problem.loss.weight(x[m] * x[m] + y[m] * y[m]))[None] for x, y in whole]
+    return [(w * x, w * y) for w, (x, y) in zip(weights, whole, strict=True)]
 
 
 def _border(v: Float[Array, " unknowns"], corner: Float[Array, ""]) -> Float[Array, "unknowns+1 unknowns+1"]:

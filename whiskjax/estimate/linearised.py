@@ -32,6 +32,7 @@ from .losses import AbstractLoss
 from .observations import Observations
 from .problem import Group, Layout, Problem, by_observation, pose_problem, weigh
 from .solution import levenberg_marquardt, solution
+from .surveys import Joint, Shared, Surveys, common_surveys, point_part, triangles
 
 _ROUNDING = 1e-11  # of a prior sigma or scale: below it a step is rounding
 
@@ -40,9 +41,10 @@ class LeastSquares(eqx.Module):
     """A problem ready to be solved again and again with other weights.
 
     `sensor` has room for the unknowns; `problem` is baked and carries the weights of all observations, check points too. `weight`
-    (n, 3) is the lower triangle that whitens each residual, `follows` (n, 2, 3) the derivative of the pixel by the ground point,
-    `fixed_px2` the part of each measurement's covariance that comes from the point's coordinates and errors of recorded poses,
-    `prior` (k, k) the root of the priors' information: their whitened residuals are prior @ u, zero rows without a prior.
+    (n, 3) is the lower triangle that whitens each residual by itself, `follows` (n, 2, 3) the derivative of the pixel by the
+    ground point, `fixed_px2` the part of each measurement's covariance that comes from the point's coordinates and errors of
+    recorded poses, `prior` (k, k) the root of the priors' information: their whitened residuals are prior @ u, zero rows without
+    a prior. `surveys` are the points that several rays see, whose errors those rays share.
     """
 
     sensor: Sensor
@@ -56,6 +58,7 @@ class LeastSquares(eqx.Module):
     prior: Float[np.ndarray, "k k"]
     before_px: Float[np.ndarray, "n 2"]
     unseen: Int[np.ndarray, " n"]
+    surveys: Surveys | None = None
 
     @property
     def scale(self) -> Float[np.ndarray, " k"]:
@@ -76,6 +79,23 @@ class LeastSquares(eqx.Module):
         prior = self.prior if prior is None else prior
         problem = eqx.tree_at(lambda p: p.unknowns.root, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
         return dataclasses.replace(self, problem=problem, weight=weight, prior=prior)
+
+    def joint(self, share: Float[Any, " n"]) -> Joint:
+        """What rays of one point have in common, where each takes part by its `share`."""
+        assert self.surveys is not None
+        return self.surveys.joint(whitening(self.observations.sigma_px, self.surveys.alone_px2), share)
+
+    def deciding(self, used: Bool[Any, " n"]) -> Problem:
+        """The problem of the used observations alone, rays of one point weighed together."""
+        if self.surveys is None:
+            weight = arrays_of((self.weight, used)).where(used[:, None], self.weight, 0.0)
+            return weigh(self.problem, weight, self.indices)
+        joint = self.joint(used.astype(float))
+        math = arrays_of((joint, used))
+        joint = joint._replace(by=math.where(used[:, None, None], joint.by, 0.0))
+        problem = weigh(self.problem, math.where(used[:, None], joint.weight, 0.0), self.indices)
+        shared = Shared.of_groups(joint, self.indices, [len(group.pixel[0]) for group in problem.groups])
+        return dataclasses.replace(problem, shared=shared)
 
     def drawn_anew(self, pixel_px: Float[Any, "n 2"]) -> "LeastSquares":
         """The same with other measurements, traced."""
@@ -123,7 +143,6 @@ def prepare(
     observations: Observations,
     unknowns: Knowledge,
     loss: AbstractLoss | None,
-    split: bool = False,
     layout: Layout | None = None,
     errors: Sequence[FrameErrors] = (),
     surface: AbstractSurface | None = None,
@@ -133,22 +152,27 @@ def prepare(
     **Raises:** `WhiskjaxError` for unknowns or keys that make no sense.
     """
     refuse_extremes(sensor, "calibrate")
-    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, split, layout)
+    layout = layout or Layout.of(sensor, observations, split=False)
+    problem, start, indices = pose_problem(sensor, observations, unknowns, loss, layout=layout)
     baked, linked = _fenced(_bake, problem, jnp.asarray(start))
     before, follows, seen = _fenced(_begin, baked, jnp.asarray(start))
     n = len(observations)
     before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
     unseen = arrays_of(linked).where(linked != 0, linked, unseen)
-    fixed = np.zeros((n, 2, 2))
-    if observations.point_covariance_m2 is not None:
-        fixed = fixed + point_part(follows, observations.point_covariance_m2)
+    fixed, surveys = np.zeros((n, 2, 2)), None
     if errors:
         fixed = fixed + plain(white_covariance_px2(errors, sensor, observations.shot, unstack(observations.point_m), surface))
+    if (covariance := observations.point_covariance_m2) is not None:
+        point = observations.point if layout.point is None else np.frombuffer(layout.point, dtype=np.int32)
+        surveys = common_surveys(point, covariance, follows, fixed)
+        fixed = fixed + point_part(follows, covariance)
     weight = whitening(observations.sigma_px, fixed)
     prior = plain(problem.unknowns.root)
     weighed = weigh(baked, weight, indices)
-    return LeastSquares(problem.sensor, weighed, indices, observations, start, follows, fixed, weight, prior, before, unseen)
+    return LeastSquares(
+        problem.sensor, weighed, indices, observations, start, follows, fixed, weight, prior, before, unseen, surveys
+    )
 
 
 def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> tuple[Any, Any, RESULTS]:
@@ -156,10 +180,8 @@ def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> 
 
     Under a robust loss it goes on from the least-squares solution, where few points are far off. Traced, it is differentiable.
     """
-    math = arrays_of((ready.problem, ready.start, ready.weight))
-    problem = weigh(ready.problem, math.where(used[:, None], ready.weight, 0.0), ready.indices)
-    start = jnp.asarray(ready.start)
-    if math is jnp:
+    problem, start = ready.deciding(used), jnp.asarray(ready.start)
+    if arrays_of((problem, start)) is jnp:
         solved = solution(problem, start, max_steps)
         return solved.u, solved.steps, solved.result
     solved = levenberg_marquardt(problem, start, max_steps)
@@ -207,9 +229,32 @@ def refine(
     return here
 
 
+def independent(ready: LeastSquares, here: Linearised, share: Float[Any, " n"]) -> Linearised:
+    """The same with residuals and derivatives of rays of one point weighed together, of those rays that have a share.
+
+    Others are whitened each by itself, as all are where no point is seen twice.
+    """
+    if ready.surveys is None:
+        return here
+    joint, kept = ready.joint(share), share > 0
+    math = arrays_of((joint, here))
+    alone, whole = triangles(joint.weight), triangles(ready.weight)
+
+    def of(px: Any) -> Any:
+        flat = px.reshape(len(px), 2, -1)
+        return math.where(kept[:, None, None], joint.independent(alone @ flat), whole @ flat).reshape(px.shape)
+
+    return here._replace(whitened=of(here.residual_px), rows=of(here.rows_px))
+
+
 def weighted_rows(ready: LeastSquares, here: Linearised, share: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (rows, k) and residuals (rows,) of the observations that have a share, and of the priors."""
+    """Derivatives (rows, k) and residuals (rows,) of the observations that have a share, and of the priors.
+
+    A robust loss shares out residuals that no survey error correlates any more. Else a share is one of the measurement: what rays
+    of one point together say of its survey is less with it.
+    """
     kept, root = share > 0, ready.prior[ready.has_prior]
+    here = independent(ready, here, share if ready.problem.loss is None else kept.astype(float))
     pull = np.sqrt(share[kept])[:, None]
     rows = (pull[:, :, None] * here.rows[kept]).reshape(-1, len(here.u))
     right = (pull * here.whitened[kept]).ravel()
@@ -240,11 +285,6 @@ def whitening(sigma_px: Float[np.ndarray, "n 2"], fixed_px2: Float[np.ndarray, "
     l10 = fixed_px2[:, 0, 1] / l00
     l11 = math.sqrt(c11 - l10**2)
     return math.stack([1 / l00, -l10 / (l00 * l11), 1 / l11], axis=-1)
-
-
-def point_part(follows: Float[np.ndarray, "n 2 3"], covariance_m2: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 2 2"]:
-    """Covariance in the image, in px^2, that comes from the points' coordinates."""
-    return follows @ covariance_m2 @ follows.swapaxes(-1, -2)
 
 
 def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:

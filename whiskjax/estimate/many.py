@@ -26,6 +26,7 @@ from ..chain.shot import KEYS
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of
+from .estimate import Estimate
 from .given import Given, Knowledge, given, posed
 from .lanes import Lanes, solve_lane
 from .linearised import LeastSquares, impossible, pixels, prepare, refuse
@@ -36,26 +37,27 @@ from .unknown import Unknown
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
 
 
-@dataclasses.dataclass(frozen=True)
-class Batch:
-    """Calibrations in the order of their runs; values in the units of the fields, residuals measured - projected in pixels.
+class Batch(eqx.Module):
+    """Calibrations in the order of their runs; residuals measured - projected in pixels, before and after, (runs, n, 2).
 
-    `result` holds a code for each run; where it is not a success the values of that run are not to be used.
+    Every array of `estimate` has a leading axis of runs; `jax.tree.map(lambda a: a[i], batch.estimate)` is the answer of one run.
+    Where its `result` is not a success the numbers of a run are not to be used.
     """
 
+    estimate: Estimate
     unknowns: tuple[Unknown, ...]
-    value: Float[np.ndarray, "runs k"]
-    covariance: Float[np.ndarray, "runs k k"]
-    cost: Float[np.ndarray, " runs"]
-    degrees_of_freedom: int
     residual_before_px: Float[np.ndarray, "runs n 2"]
     residual_after_px: Float[np.ndarray, "runs n 2"]
-    result: RESULTS
 
     @property
-    def sigma(self) -> Float[np.ndarray, "runs k"]:
-        """1-sigma of each unknown."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+    def value(self) -> Float[np.ndarray, "runs k"]:
+        """Of the unknowns."""
+        return self.estimate.value
+
+    @property
+    def result(self) -> RESULTS:
+        """How each run ended."""
+        return self.estimate.result
 
     @property
     def is_successful(self) -> np.ndarray:
@@ -64,32 +66,45 @@ class Batch:
 
 
 class _Solved(NamedTuple):
-    """Lanes in the units of the fields, by observation; `unseen` is the worst code of any observation where the lane starts."""
+    """Lanes, and their residuals by observation."""
 
-    value: Float[Any, "lanes k"]
-    covariance: Float[Any, "lanes k k"]
-    cost: Float[Any, " lanes"]
+    estimate: Estimate
     before_px: Float[Any, "lanes n 2"]
     after_px: Float[Any, "lanes n 2"]
-    result: RESULTS
 
 
-def _answered(ready: LeastSquares, lanes: Lanes) -> _Solved:
-    """One lane."""
+def _answered(ready: LeastSquares, lanes: Lanes, deciding: int) -> _Solved:
+    """One lane; its result is the worst code of any observation where it starts, or how it ended."""
     numbers, n = ready.problem.unknowns, len(ready.observations)
     after = by_observation([jnp.stack(pair) for pair in lanes.residual_px], ready.indices, n)
     unseen = jnp.asarray(ready.unseen).max().astype(jnp.int32)
     result = first_failure(jax.tree.map(lambda _: unseen, RESULTS.successful), lanes.result)
-    covariance = lanes.covariance * jnp.outer(numbers.scale, numbers.scale)
-    return _Solved(numbers.value(lanes.u), covariance, lanes.cost, jnp.asarray(ready.before_px), after, result)
+    has_prior = (numbers.root != 0).any(axis=1)
+    estimate = Estimate(
+        value=numbers.value(lanes.u),
+        covariance=lanes.covariance * jnp.outer(numbers.scale, numbers.scale),
+        prior_share=jnp.where(has_prior, lanes.covariance.diagonal(), jnp.nan),
+        cost=lanes.cost,
+        freedom=2 * deciding + has_prior.sum() - len(numbers.names),
+        result=result,
+        names=numbers.names,
+        places=numbers.places,
+    )
+    return _Solved(estimate, jnp.asarray(ready.before_px), after)
+
+
+def _prepared(sensor: Sensor, observations: Observations, priors: Given, layout: Layout) -> tuple[LeastSquares, int]:
+    """A lane ready to be solved, its problem that of the observations that decide, and how many do."""
+    ready, used = prepare(sensor, observations, priors, None, layout=layout), layout.deciding(len(observations))
+    return dataclasses.replace(ready, problem=ready.deciding(used)), int(used.sum())
 
 
 @eqx.filter_jit
 def _solve_runs(own: Any, common: Any, priors: Given, layout: Layout, steps: int, chunk: int) -> _Solved:
     def lane(own: Any) -> _Solved:
         sensor, observations = eqx.combine(own, common)
-        ready = prepare(sensor, observations, priors, None, layout=layout)
-        return _answered(ready, solve_lane(ready.problem, ready.start, steps))
+        ready, deciding = _prepared(sensor, observations, priors, layout)
+        return _answered(ready, solve_lane(ready.problem, ready.start, steps), deciding)
 
     return jax.lax.map(lane, own, batch_size=chunk)
 
@@ -104,11 +119,11 @@ def _solve_redrawn(
     steps: int,
     chunk: int,
 ) -> _Solved:
-    ready = prepare(sensor, observations, priors, None, layout=layout)
+    ready, deciding = _prepared(sensor, observations, priors, layout)
 
     def lane(pixel: Array) -> _Solved:
         drawn = ready.drawn_anew(pixel)
-        return _answered(drawn, solve_lane(drawn.problem, drawn.start, steps))
+        return _answered(drawn, solve_lane(drawn.problem, drawn.start, steps), deciding)
 
     return jax.lax.map(lane, pixel_px, batch_size=chunk)
 
@@ -123,7 +138,8 @@ def calibrate_batch(
     **Arguments:**
 
     - `runs`: (sensor, observations) of each run; may be a generator, and then no more than some hundreds are held at a time. All
-      have the same chain, and the same sequence of images and roles (control, check) among their observations.
+      have the same chain, and the same sequence of images and roles (control, check) among their observations, of which the same
+      see one point.
     - `unknowns`: the same for all runs.
     - `steps`, `chunk`: see `solve_lanes`.
 
@@ -136,7 +152,7 @@ def calibrate_batch(
     need("calibrate_batch", "runs", runs, Iterable, "pairs (sensor, observations)")
     _ask_whole("calibrate_batch", steps, chunk)
 
-    def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
+    def shares() -> Iterator[tuple[int, Callable[[], _Solved]]]:
         count, first, varying = 0, None, set()
         runs_left = iter(runs)
         while share := list(itertools.islice(runs_left, _SHARE)):
@@ -164,7 +180,7 @@ def calibrate_batch(
             own = [None if leaf is None else jnp.asarray(leaf) for leaf in stacked]
             common = [None if i in varying else _on_device(row[0]) for i, row in enumerate(rows)]
             trees = (jax.tree.unflatten(first.structure, leaves) for leaves in (own, common))
-            yield len(share), first.control, partial(_solve_runs, *trees, first.priors, first.layout, steps, chunk)
+            yield len(share), partial(_solve_runs, *trees, first.priors, first.layout, steps, chunk)
 
     return _gather(shares(), priors)
 
@@ -199,11 +215,11 @@ def calibrate_redrawn(
     leaves = [_on_device(leaf) for leaf in first.leaves_of(0, sensor, observations)]
     given_once = (*jax.tree.unflatten(first.structure, leaves), first.priors, first.layout, steps, chunk)
 
-    def shares() -> Iterator[tuple[int, int, Callable[[], _Solved]]]:
+    def shares() -> Iterator[tuple[int, Callable[[], _Solved]]]:
         for start in range(0, len(pixel_px), _SHARE):
             drawn = pixel_px[start : start + _SHARE]
             fill = np.minimum(np.arange(-(-_SHARE // chunk) * chunk), len(drawn) - 1)
-            yield len(drawn), first.control, partial(_solve_redrawn, jnp.asarray(drawn[fill]), *given_once)
+            yield len(drawn), partial(_solve_redrawn, jnp.asarray(drawn[fill]), *given_once)
 
     return _gather(shares(), priors)
 
@@ -259,11 +275,6 @@ class _First(NamedTuple):
         numbers = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), priors)
         return cls(structure, tuple(map(_shape, leaves)), _keys(observations), layout, numbers)
 
-    @property
-    def control(self) -> int:
-        """How many observations decide."""
-        return int(self.keys[0].sum())
-
     def leaves_of(self, number: int, sensor: Sensor, observations: Observations) -> list[Any]:
         """The arrays of a run.
 
@@ -274,7 +285,7 @@ class _First(NamedTuple):
         if not (fits and all(np.array_equal(a, b) for a, b in zip(_keys(observations), self.keys, strict=True))):
             raise WhiskjaxError(
                 f"calibrate_batch: run {number} has another chain than run 0, or its observations are others, or in "
-                "another order; runs of one call share the images, roles and order of their observations"
+                "another order; runs of one call share the images, points, roles and order of their observations"
             )
         return leaves
 
@@ -289,7 +300,8 @@ def _on_device(leaf: Any) -> Any:
 
 
 def _keys(observations: Observations) -> tuple[Any, ...]:
-    return observations.is_control, *(observations.key(key) for key in KEYS)
+    point = None if observations.point_covariance_m2 is None else observations.point
+    return observations.is_control, point, *(observations.key(key) for key in KEYS)
 
 
 def _is_extreme(stacked: np.ndarray | None) -> bool:
@@ -310,19 +322,17 @@ def _run(number: int, pair: Any) -> tuple[Sensor, Observations]:
     return sensor, observations
 
 
-def _gather(shares: Iterable[tuple[int, int, Callable[[], _Solved]]], priors: Given) -> Batch:
+def _gather(shares: Iterable[tuple[int, Callable[[], _Solved]]], priors: Given) -> Batch:
     """Solve shares side by side as they come, and put them together."""
     cores = len(os.sched_getaffinity(0))
     done: list[Future[_Solved]] = []
-    freedom = 0
 
     def finished(runs: int, solve: Callable[[], _Solved]) -> _Solved:
         return jax.tree.map(lambda a: np.asarray(a)[:runs], solve())
 
     # One worker more than cores: each leaves a gap whenever it waits for XLA's own pool.
     with ThreadPoolExecutor(cores + 1 if cores > 1 else 1) as pool:
-        for runs, control, solve in shares:
-            freedom = 2 * control + sum(x.sigma is not None for x in priors.unknowns) - len(priors.unknowns)
+        for runs, solve in shares:
             done.append(pool.submit(finished, runs, solve))
             tell(f"batch: share {len(done)} of up to {_SHARE} runs")
             if len(done) == 1:
@@ -332,16 +342,7 @@ def _gather(shares: Iterable[tuple[int, int, Callable[[], _Solved]]], priors: Gi
     if not done:
         raise WhiskjaxError("calibrate_batch: there are no runs")
     whole: _Solved = jax.tree.map(lambda *parts: np.concatenate(parts), *(job.result() for job in done))
-    return Batch(
-        unknowns=priors.unknowns,
-        value=whole.value,
-        covariance=whole.covariance,
-        cost=whole.cost,
-        degrees_of_freedom=freedom,
-        residual_before_px=whole.before_px,
-        residual_after_px=whole.after_px,
-        result=whole.result,
-    )
+    return Batch(whole.estimate, priors.unknowns, whole.before_px, whole.after_px)
 
 
 def _ask(owner: str, sensor: Sensor, observations: Observations, unknowns: Knowledge) -> Given:

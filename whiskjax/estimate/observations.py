@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..chain.shot import KEYS, Shot, fit_shot
 from ..rules import Arrays, Labels, WhiskjaxError, is_traced, need, plain
@@ -29,8 +29,10 @@ class Observations(eqx.Module):
     - `sigma_px`: 1-sigma of both, (n, 2).
     - `is_control`: True where it takes part in the estimation, False for check points, (n,).
     - `point_covariance_m2`: of the point's coordinates in the world frame, (n, 3, 3), or None where they are taken as exact. It
-      is propagated into the weights; a point seen several times is then treated as independent each time.
-    - `images`, `points`: names for people, n each.
+      is propagated into the weights. A point was surveyed once: its error is the same in all rays that see it.
+    - `images`, `points`: names for people, n each. Rays whose points have one name see one point; without names every ray sees
+      its own.
+    - `point`: which point each ray sees, (n,), 0 to n - 1, where there are no names; kept in step with them.
     """
 
     shot: Shot
@@ -39,6 +41,7 @@ class Observations(eqx.Module):
     sigma_px: Float[Any, "n 2"]
     is_control: Bool[np.ndarray, " n"]
     point_covariance_m2: Float[Any, "n 3 3"] | None
+    point: Int[Any, " n"]
     labels: Labels = eqx.field(static=True)
 
     def __init__(
@@ -51,6 +54,7 @@ class Observations(eqx.Module):
         point_covariance_m2: Float[Any, "n 3 3"] | None = None,
         images: Sequence[str] = (),
         points: Sequence[str] = (),
+        point: Int[Any, " n"] | None = None,
         labels: Labels = _UNNAMED,
     ):
         """**Raises:** `WhiskjaxError` naming the observation whose numbers make no sense; shapes that do not fit."""
@@ -71,8 +75,13 @@ class Observations(eqx.Module):
         for name, names in (("images", images), ("points", points)):
             if len(names) not in (0, n):
                 raise WhiskjaxError(f"observations: {len(names)} names of {name} for {n} observations")
-        named = {"images": images or labels["images"], "points": points or labels["points"]}
-        self.labels = Labels(**named)
+        # Names are no part of what is compiled, so that what they say of the points is kept as an array.
+        names = points or (labels["points"] if point is None else ())
+        self.point = numbered(names) if len(names) else np.arange(n)
+        if point is not None and not len(names):
+            taken: Any = plain(arrays.take_whole("point", point, "n", meaning="which point a ray sees"))
+            self.point = taken if is_traced(taken) else numbered(taken.tolist())
+        self.labels = Labels(images=images or labels["images"], points=points or labels["points"])
         self._check()
 
     def _check(self) -> None:
@@ -95,6 +104,21 @@ class Observations(eqx.Module):
             refuse_sigmas(self.sigma_px, lambda i: f"{self.label(i)}: sigma_px")
         if "point_covariance_m2" in known:
             refuse_covariances(known["point_covariance_m2"], lambda i: f"{self.label(i)}: point_covariance_m2")
+            self._refuse_two_surveys(known)
+
+    def _refuse_two_surveys(self, known: dict[str, Any]) -> None:
+        """**Raises:** `WhiskjaxError` where rays of one point say different things of it, of which one error can be no error."""
+        if is_traced(self.point):
+            return
+        first = np.unique(self.point, return_index=True)[1][self.point]
+        for name in known.keys() & {"point_m", "point_covariance_m2"}:
+            differs = (known[name] != known[name][first]).reshape(len(self), -1).any(axis=1)
+            if differs.any():
+                i = int(np.argmax(differs))
+                raise WhiskjaxError(
+                    f"{self.label(i)}: another {name} than {self.label(int(first[i]))} of the same point; a point is surveyed "
+                    "once: give two points two names"
+                )
 
     @property
     def images(self) -> tuple[str, ...]:
@@ -128,6 +152,7 @@ class Observations(eqx.Module):
             None if covariance is None else covariance[index],
             [self.images[int(i)] for i in index] if len(self.images) else (),
             [self.points[int(i)] for i in index] if len(self.points) else (),
+            self.point[index],
         )
 
     def shots(self, index: np.ndarray) -> Shot:
@@ -144,3 +169,9 @@ class Observations(eqx.Module):
         if value is None or is_traced(value):
             return value if value is None or value.ndim else jnp.broadcast_to(value, (len(self),))
         return np.broadcast_to(np.asarray(value), (len(self),))
+
+
+def numbered(names: Sequence[Any]) -> Int[np.ndarray, " n"]:
+    """Equal numbers for equal names, in the order in which these first come."""
+    first: dict[Any, int] = {}
+    return np.array([first.setdefault(name, len(first)) for name in names])

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import Component, Vec2, Vec3, add, mul
 from ..chain.bake import bake
 from ..chain.imaging import image
-from ..chain.parameters import Parameters
+from ..chain.parameters import Parameters, once
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..rules import WhiskjaxError, arrays_of, is_traced
@@ -22,6 +22,7 @@ from ..rules.sizes import rounded
 from .given import Knowledge, given, posed
 from .losses import AbstractLoss
 from .observations import Observations
+from .surveys import Shared
 
 
 class Group(eqx.Module):
@@ -44,12 +45,13 @@ class Group(eqx.Module):
 
 
 class Problem(eqx.Module):
-    """Everything that a solver needs, as a pytree."""
+    """Everything that a solver needs, as a pytree; `shared` where several rays see one point, whose survey error is one."""
 
     sensor: Sensor
     groups: tuple[Group, ...]
     unknowns: Parameters
     loss: AbstractLoss | None
+    shared: Shared | None = None
 
     def baked(self) -> "Problem":
         """The same problem with every other link already evaluated; one sensor serves all groups."""
@@ -74,7 +76,11 @@ def residual(group: Group, sensor: Sensor) -> Vec2:
 def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2], Float[Array, " unknowns"]]:
     """All whitened residuals of a baked problem: observations, under the robust loss, and priors."""
     sensor = problem.put(u)
-    observed = [residual(group, sensor) for group in problem.groups]
+    if problem.shared is None:
+        observed = [residual(group, sensor) for group in problem.groups]
+    else:
+        alone = once(lambda: [residual(group, sensor) for group in problem.groups], problem.unknowns.scale[0] > 0)
+        observed = problem.shared.independent(alone)
     if problem.loss is not None:
         factors = [problem.loss.factor(x * x + y * y) for x, y in observed]
         observed = [(f * x, f * y) for f, (x, y) in zip(factors, observed, strict=True)]
@@ -83,9 +89,11 @@ def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2
 
 class Layout(NamedTuple):
     """Which observations are imaged by the same code: for each group the keys that are chosen before tracing, whether it decides,
-    and its observations, int32 in bytes, so that a layout can be static."""
+    and its observations, int32 in bytes, so that a layout can be static. `point`: which point each observation sees, where the
+    errors of points count and are known to be one."""
 
     groups: tuple[tuple[tuple[tuple[str, int], ...], bool, bytes], ...]
+    point: bytes | None = None
 
     @classmethod
     def of(cls, sensor: Sensor, observations: Observations, split: bool) -> "Layout":
@@ -106,12 +114,18 @@ class Layout(NamedTuple):
             index = np.flatnonzero((codes == code).all(axis=1)).astype(np.int32)
             keys = tuple((key, int(c)) for key, c in zip(choosing, code, strict=False))
             groups.append((keys, bool(code[-1]), index.tobytes()))
-        return cls(tuple(groups))
+        if observations.point_covariance_m2 is None or is_traced(observations.point):
+            return cls(tuple(groups))
+        return cls(tuple(groups), observations.point.astype(np.int32).tobytes())
 
     @property
     def indices(self) -> list[np.ndarray]:
         """The observations of each group."""
         return [np.frombuffer(index, dtype=np.int32) for *_, index in self.groups]
+
+    def deciding(self, n: int) -> Bool[np.ndarray, " n"]:
+        """Which of n observations decide."""
+        return np.isin(np.arange(n), np.concatenate([i for (_, d, _), i in zip(self.groups, self.indices, strict=True) if d]))
 
 
 def _groups(observations: Observations, layout: Layout) -> tuple[Group, ...]:

@@ -17,8 +17,7 @@ from jaxtyping import Array, Float
 from ..algebra.implicit import stationary
 from ..chain.parameters import once
 from ..rules import RESULTS
-from .columns import columns
-from .least_squares import Solved, converge, judge
+from .least_squares import Solved, converge, judge, observed_rows
 from .least_squares import levenberg_marquardt as plain_marquardt
 from .problem import Problem, residuals
 
@@ -122,20 +121,7 @@ def _bounded(problem: Problem) -> Problem:
 
 def rows_of(problem: Problem, u: Float[Array, " k"]) -> Float[Array, "rows k+1"]:
     """Whitened derivatives of all residuals, priors included, and the residuals in the last column."""
-    k, parts = u.shape[0], []
-    for group in problem.groups:
-
-        def seen(group=group):
-            residual, by, order = columns(problem, group, u)
-            place = jnp.array([*order, k])
-            parts = [jnp.concatenate([c, r[None]]) for c, r in zip(by, residual, strict=True)]
-            whole = [jnp.zeros((k + 1, part.shape[1])).at[place].set(part) for part in parts]
-            weight = jnp.ones(())
-            if problem.loss is not None:
-                weight = jnp.sqrt(problem.loss.weight(residual[0] * residual[0] + residual[1] * residual[1]))[None]
-            return [w * weight for w in whole]
-
-        parts += [w.T for w in once(seen, problem.unknowns.scale[0] > 0)]
+    parts = [part.T for pair in observed_rows(problem, u) for part in pair]
     root = problem.unknowns.root
     return jnp.concatenate([*parts, jnp.concatenate([root, (root @ u)[:, None]], axis=1)])
 

@@ -2,7 +2,8 @@
 
 Restricted maximum likelihood (Patterson and Thompson 1971): the unknowns are integrated out, so that the residuals are judged
 against what the fit leaves of the errors, and an unknown without a prior costs its degree of freedom. One sigma factor a group;
-derivatives by autodiff; the curvature at the maximum is the uncertainty of the factors.
+derivatives by autodiff; the curvature at the maximum is the uncertainty of the factors. What points are known to has no factor:
+it is integrated out like the unknowns, once for all rays of a point.
 """
 
 import dataclasses
@@ -19,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..rules import Arrays, WhiskjaxError, need_flags
 from .linearised import LeastSquares, Linearised
 from .observations import Observations
+from .surveys import Surveys
 from .unknown import Unknown
 
 _AXES = ("x", "y")
@@ -151,6 +153,7 @@ class _Data(NamedTuple):
     prior: Int[Array, " k"]
     root: Float[Array, "k k"]
     spread: Float[Array, ""]
+    surveys: Surveys | None
 
 
 def _minus_log_likelihood(theta: Float[Array, " groups"], data: _Data) -> Float[Array, ""]:
@@ -165,12 +168,18 @@ def _minus_log_likelihood(theta: Float[Array, " groups"], data: _Data) -> Float[
     root = data.root / factor[data.prior][None, :]
     normal = jnp.einsum("nik,nil->kl", data.rows, weighted) + root.T @ root
     right = jnp.einsum("nik,ni->k", weighted, data.residual)
+    square = jnp.einsum("ni,nij,nj->", data.residual, inverse, data.residual)
+    volume = jnp.sum(data.used * jnp.log(determinant))
+    if data.surveys is not None:  # V = D + F S F^T: less what the points explain, and log |V| = log |D| + log |M| (Sylvester)
+        whole = jnp.concatenate([data.rows, data.residual[:, :, None]], axis=2)
+        m, explained = data.surveys.explained(inverse, whole)
+        normal, right, square = normal - explained[:-1, :-1], right - explained[:-1, -1], square - explained[-1, -1]
+        volume = volume + jnp.sum(jnp.linalg.slogdet(m)[1])
     lower = jnp.linalg.cholesky(normal)
     half = jax.scipy.linalg.solve_triangular(lower, right, lower=True)
-    cost = jnp.einsum("ni,nij,nj->", data.residual, inverse, data.residual) - half @ half
-    volume = jnp.sum(data.used * jnp.log(determinant)) + 2 * jnp.sum(jnp.log(jnp.diag(lower)))
+    volume = volume + 2 * jnp.sum(jnp.log(jnp.diag(lower)))
     volume = volume + 2 * jnp.sum(jnp.where((data.root != 0).any(axis=1), jnp.log(factor[data.prior]), 0.0))
-    return 0.5 * (cost + volume) + 0.5 * jnp.sum((theta / jnp.log(data.spread)) ** 2)
+    return 0.5 * (square - half @ half + volume) + 0.5 * jnp.sum((theta / jnp.log(data.spread)) ** 2)
 
 
 @eqx.filter_jit
@@ -194,12 +203,13 @@ def components(
         residual=jnp.asarray(here.residual_px - here.rows_px @ here.u),
         rows=jnp.asarray(here.rows_px),
         sigma=jnp.asarray(observations.sigma_px),
-        fixed=jnp.asarray(ready.fixed_px2),
+        fixed=jnp.asarray(ready.fixed_px2 if ready.surveys is None else ready.surveys.alone_px2),
         observed=jnp.asarray(grouping.observed),
         used=jnp.asarray(used.astype(float)),
         prior=jnp.asarray(grouping.prior),
         root=jnp.asarray(ready.prior),
         spread=jnp.asarray(float(spread)),
+        surveys=jax.tree.map(jnp.asarray, ready.surveys),
     )
     theta, curvature = _newton(data, len(grouping.names), steps)
     members = np.concatenate([grouping.observed[used].ravel(), grouping.prior[grouping.prior >= 0]])
