@@ -45,13 +45,24 @@ def test_each_lane_is_the_calibration_of_its_run(batch, one_by_one):
     assert batch.is_successful.all() and said(batch) == [""] * 3
     for i, alone in enumerate(one_by_one):
         np.testing.assert_allclose((batch.value[i] - alone.value) / SIGMA, 0, atol=1e-8)
-        np.testing.assert_allclose(batch.covariance[i], alone.posterior.covariance, rtol=1e-8)
-        np.testing.assert_allclose(batch.sigma[i], alone.posterior.sigma, rtol=1e-8)
+        np.testing.assert_allclose(batch.estimate.covariance[i], alone.posterior.covariance, rtol=1e-8)
+        np.testing.assert_allclose(batch.estimate.sigma[i], alone.posterior.sigma, rtol=1e-8)
         np.testing.assert_allclose(batch.residual_before_px[i], alone.residual_before_px, atol=1e-8)
         np.testing.assert_allclose(batch.residual_after_px[i], alone.residual_after_px, atol=1e-6)
-        assert batch.cost[i] / batch.degrees_of_freedom == pytest.approx(alone.fit.variance_factor, rel=1e-9)
-        assert batch.degrees_of_freedom == alone.fit.degrees_of_freedom
+        np.testing.assert_allclose(batch.estimate.prior_share[i], alone.estimate.prior_share, rtol=1e-8)
+        assert batch.estimate.cost[i] == pytest.approx(alone.estimate.cost, rel=1e-9)
+        assert batch.estimate.freedom[i] == alone.estimate.freedom
+    assert batch.estimate.names == one_by_one[0].estimate.names and batch.estimate.places == one_by_one[0].estimate.places
     assert [x.name for x in batch.unknowns] == [x.name for x in one_by_one[0].unknowns]
+
+
+def test_one_run_of_a_batch_is_knowledge_and_all_of_them_are_none(batch, flights):
+    one = jax.tree.map(lambda a: a[1], batch.estimate)
+    assert [(x.name, x.mean, x.sigma) for x in one.unknowns] == [
+        (x.name, batch.value[1, i], batch.estimate.sigma[1, i]) for i, x in enumerate(flights[0].unknowns)
+    ]
+    with pytest.raises(wj.WhiskjaxError, match="calibrate: unknowns\\[0\\] is the answer of many runs"):
+        wj.calibrate(flights[0].sensor, flights[0].observations(), batch)
 
 
 def test_the_chunk_does_not_matter(flights, batch):
@@ -59,7 +70,7 @@ def test_the_chunk_does_not_matter(flights, batch):
     runs = [(f.sensor, f.observations()) for f in flights]
     other = wj.calibrate_batch(runs, flights[0].unknowns, chunk=2)
     np.testing.assert_allclose((other.value - batch.value) / SIGMA, 0, atol=1e-12)
-    np.testing.assert_allclose(other.covariance, batch.covariance, rtol=1e-9)
+    np.testing.assert_allclose(other.estimate.covariance, batch.estimate.covariance, rtol=1e-9)
     np.testing.assert_allclose(other.residual_after_px, batch.residual_after_px, atol=1e-8)
     np.testing.assert_array_equal(codes_of(other.result), codes_of(batch.result))
 
@@ -71,7 +82,7 @@ def test_shares_come_back_in_the_order_of_the_runs(flights, batch, monkeypatch):
     found = wj.calibrate_batch(((flights[i].sensor, flights[i].observations()) for i in order), flights[0].unknowns, chunk=3)
     np.testing.assert_allclose((found.value - batch.value[order]) / SIGMA, 0, atol=1e-12)
     np.testing.assert_allclose(found.residual_after_px, batch.residual_after_px[order], atol=1e-8)
-    assert found.is_successful.all() and found.cost.shape == (7,)
+    assert found.is_successful.all() and found.estimate.cost.shape == (7,)
 
 
 def at(observations, which, time_s):
@@ -194,13 +205,13 @@ def test_redrawn_measurements_are_runs_of_their_own(flights, batch):
     runs = [(sensor, dataclasses.replace(observations, pixel_px=pixel[i])) for i in some]
     expected = wj.calibrate_batch(runs, unknowns, chunk=3)
     np.testing.assert_allclose((found.value[some] - expected.value) / SIGMA, 0, atol=1e-11)
-    np.testing.assert_allclose(found.covariance[some], expected.covariance, rtol=1e-8)
-    np.testing.assert_allclose(found.cost[some], expected.cost, rtol=1e-10)
+    np.testing.assert_allclose(found.estimate.covariance[some], expected.estimate.covariance, rtol=1e-8)
+    np.testing.assert_allclose(found.estimate.cost[some], expected.estimate.cost, rtol=1e-10)
     np.testing.assert_allclose(found.residual_before_px[some], expected.residual_before_px, atol=1e-8)
     np.testing.assert_allclose(found.residual_after_px[some], expected.residual_after_px, atol=1e-7)
-    assert found.degrees_of_freedom == expected.degrees_of_freedom
+    np.testing.assert_array_equal(found.estimate.freedom[some], expected.estimate.freedom)
     # 27 different draws: no lane stands for another.
-    assert (np.diff(found.cost[np.argsort(found.cost)]) > 0).all()
+    assert (np.diff(np.sort(found.estimate.cost)) > 0).all()
 
 
 def test_images_of_other_values_are_projections(flights):

@@ -13,6 +13,7 @@ import whiskjax as wj
 from tests.estimate.textbooks import MadeUp, Textbook
 from whiskjax.estimate.reliability import (
     DETECTABLE,
+    foreseen,
     log_density,
     reliability,
     residual_covariance,
@@ -31,10 +32,13 @@ def dense(design, weights):
     return shown, shown @ np.linalg.inv(weights)
 
 
-@given(st.integers(0, 10**6))
-def test_reliability_is_the_dense_formula(seed):
-    """x and y of a point are correlated here: P is not diagonal, and v / sigma_v is not the whitened residual."""
-    it = MadeUp(seed)
+RAYS = st.sampled_from([1, 2, 5])  # that see one point
+
+
+@given(st.integers(0, 10**6), RAYS)
+def test_reliability_is_the_dense_formula(seed, rays):
+    """x and y of a point are correlated here, and rays that see one: P is not diagonal, v / sigma_v not the whitened residual."""
+    it = MadeUp(seed, rays=rays)
     shown, cofactor = dense(it.design, it.weights)
     control, n = it.used, 2 * int(it.used.sum())
     assert np.abs(it.weights[0, 1]) > 0
@@ -53,32 +57,41 @@ def test_reliability_is_the_dense_formula(seed):
     np.testing.assert_allclose(found.normalised[control].ravel(), expected[:n], atol=1e-9)
     smallest = DETECTABLE / np.sqrt(np.diag(it.weights @ cofactor @ it.weights))
     np.testing.assert_allclose(found.detectable_px[control].ravel(), smallest[:n], rtol=1e-10)
-    blocks = [cofactor[i : i + 2, i : i + 2] for i in range(0, n, 2)]
-    squared = [v @ np.linalg.solve(q, v) for q, v in zip(blocks, it.residuals[:n].reshape(-1, 2), strict=True)]
+    # An error in both coordinates of one ray: (P v)^T (P Q P)^-1 P v of its two entries, where P is diagonal v^T Q^-1 v.
+    weighted, tested = it.weights @ it.residuals, it.weights @ cofactor @ it.weights
+    blocks = [tested[i : i + 2, i : i + 2] for i in range(0, n, 2)]
+    squared = [v @ np.linalg.solve(q, v) for q, v in zip(blocks, weighted[:n].reshape(-1, 2), strict=True)]
     np.testing.assert_allclose(found.squared[control], squared, rtol=1e-9)
 
 
-@given(st.integers(0, 10**6))
-def test_a_point_that_took_no_part_is_judged_as_a_prediction(seed):
-    it = MadeUp(seed)
-    check = ~it.used
-    spread = it.covariance_px2 + it.rows_px @ it.unknown_covariance @ np.swapaxes(it.rows_px, 1, 2)
+def _density(it, which):
+    share = it.used.astype(float)
+    return log_density(foreseen(it.ready, it.here, share), it.unknown_covariance, share, which)
+
+
+@given(st.integers(0, 10**6), RAYS)
+def test_a_point_that_took_no_part_is_judged_as_a_prediction(seed, rays):
+    """From the residuals of the others, which see some of the points as well: their conditional mean and covariance."""
+    it = MadeUp(seed, rays=rays)
+    check, to, others = ~it.used, np.flatnonzero(np.repeat(~it.used, 2)), it.deciding
+    gain = it.whole_px2[np.ix_(to, others)] @ np.linalg.inv(it.of_deciding(it.whole_px2))
+    rows, error = it.rows_px.reshape(-1, it.k), it.here.residual_px.ravel()
+    error, moved = (error[to] - gain @ error[others]).reshape(-1, 2), rows[to] - gain @ rows[others]
+    whole = it.whole_px2[np.ix_(to, to)] - gain @ it.whole_px2[np.ix_(others, to)] + moved @ it.unknown_covariance @ moved.T
+    spread = np.array([whole[i : i + 2, i : i + 2] for i in range(0, len(to), 2)])
     found = reliability(it.ready, it.here, it.unknown_covariance, it.used)
-    error = it.here.residual_px
     sigma = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-    np.testing.assert_allclose(found.normalised[check], (error / sigma)[check], atol=1e-10)
+    np.testing.assert_allclose(found.normalised[check], error / sigma, atol=1e-9)
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(spread), error)
-    np.testing.assert_allclose(found.squared[check], squared[check], rtol=1e-10)
+    np.testing.assert_allclose(found.squared[check], squared, rtol=1e-8)
     assert np.isnan(found.redundancy[check]).all() and np.isnan(found.detectable_px[check]).all()
-    expected = [
-        scipy.stats.multivariate_normal(np.zeros(2), s).logpdf(e) for s, e in zip(spread[check], error[check], strict=True)
-    ]
-    np.testing.assert_allclose(log_density(it.ready, it.here, it.unknown_covariance, check), np.mean(expected), rtol=1e-10)
+    expected = [scipy.stats.multivariate_normal(np.zeros(2), s).logpdf(e) for s, e in zip(spread, error, strict=True)]
+    np.testing.assert_allclose(_density(it, check), np.mean(expected), rtol=1e-10)
 
 
 def test_without_check_points_there_is_no_density():
     it = MadeUp(1, check=0)
-    assert np.isnan(log_density(it.ready, it.here, it.unknown_covariance, ~it.used))
+    assert np.isnan(_density(it, ~it.used))
 
 
 def test_an_error_as_large_as_detectable_is_found_four_times_in_five():
@@ -101,8 +114,9 @@ def test_what_alone_determines_an_unknown_cannot_be_checked():
     assert np.isinf(found.detectable_px[0, 0]) and found.normalised[0, 0] == 0
     assert np.isfinite(found.detectable_px[0, 1]) and np.isfinite(found.squared).all()
     # Of the fixed point only y is left to test.
-    spread = residual_covariance(here, covariance, np.ones(12))[0]
-    squared = squared_residuals(here, covariance, np.ones(12))[0]
+    of = foreseen(it.ready, here, np.ones(12))
+    spread = residual_covariance(of, covariance, np.ones(12))[0]
+    squared = squared_residuals(of, covariance, np.ones(12))[0]
     assert squared == pytest.approx(here.whitened[0, 1] ** 2 / spread[1, 1], rel=1e-9)
 
 

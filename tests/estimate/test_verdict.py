@@ -53,7 +53,8 @@ def stations():
     covariance = np.tile(root @ root.swapaxes(1, 2), (2, 1, 1))
     given = np.tile(it.point_m[:12] + np.einsum("nij,nj->ni", root, rng.normal(size=(12, 3))), (2, 1))
     it.point_m = given
-    it.observations = dataclasses.replace(it.observations, point_m=given, point_covariance_m2=covariance)
+    names = [f"P{i % 12}" for i in range(24)]
+    it.observations = dataclasses.replace(it.observations, point_m=given, point_covariance_m2=covariance, points=names)
     return it
 
 
@@ -81,17 +82,17 @@ def test_check_points_of_a_calibration_are_judged_by_their_full_covariance(stati
         )
         / 0.1
     )
-    noise = seen.sigma_px[:, :, None] ** 2 * np.eye(2) + by_point @ seen.point_covariance_m2 @ by_point.swapaxes(1, 2)
-    # The estimate weighs every observation by itself.
-    weight = scipy.linalg.block_diag(*np.linalg.inv(noise[control]))
+    # Rays of one point share its survey error, among the control points and among the check points.
+    noise = scipy.linalg.block_diag(*(seen.sigma_px[:, :, None] ** 2 * np.eye(2)))
+    for p in range(12):
+        of = np.repeat(np.arange(24) % 12 == p, 2)
+        noise += np.outer(of, of) * (by_point.reshape(-1, 3) @ seen.point_covariance_m2[p] @ by_point.reshape(-1, 3).T)
+    decide, told = (np.flatnonzero(np.repeat(which, 2)) for which in (seen.is_control, ~seen.is_control))
+    weight = np.linalg.inv(noise[np.ix_(decide, decide)])
     design = rows[control].reshape(-1, k)
     prior = np.diag([0.0 if x.sigma is None else x.sigma**-2 for x in stations.unknowns])
     posterior = np.linalg.inv(design.T @ weight @ design + prior)
-    predicted = scipy.linalg.block_diag(*seen.sigma_px[check, :, None] ** 2 * np.eye(2))
-    for p in range(10, 12):
-        both = np.repeat(check % 12 == p, 2)
-        shared = by_point[check].reshape(-1, 3) @ seen.point_covariance_m2[p] @ by_point[check].reshape(-1, 3).T
-        predicted += np.outer(both, both) * shared
+    predicted = noise[np.ix_(told, told)].copy()
     moved = rows[check].reshape(-1, k)
     predicted += moved @ posterior @ moved.T
     if considered:

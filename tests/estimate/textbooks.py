@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import whiskjax as wj
 from whiskjax.estimate.linearised import LeastSquares, Linearised
+from whiskjax.estimate.surveys import common_surveys
 
 
 class Stations:
@@ -61,37 +62,44 @@ class MadeUp:
     """A linear problem of random numbers: as our estimators take it, and as dense matrices over all 2n + k measurements.
 
     Unknowns are whitened; those of `has_prior` have a prior of sigma 1 about 0. Weights of x and y are correlated through the
-    points' coordinates. Check points come last.
+    points' coordinates, and those of the `rays` that see one point. Check points come last, and share points with others.
     """
 
-    def __init__(self, seed, n=40, check=6, has_prior=(True, True, True, False, False), point_m=0.5):
+    def __init__(self, seed, n=40, check=6, has_prior=(True, True, True, False, False), point_m=0.5, rays=1):
         rng = np.random.default_rng(seed)
         self.k, self.has_prior = len(has_prior), np.array(has_prior)
         self.used = np.arange(n) < n - check
         self.sigma_px = rng.uniform(0.5, 2.0, (n, 2))
         follows = rng.normal(size=(n, 2, 3))
-        root = point_m * rng.normal(size=(n, 3, 3))
+        self.point = np.arange(n) % (n // rays)
+        root = (point_m * rng.normal(size=(n // rays, 3, 3)))[self.point]
         self.point_px2 = follows @ root @ np.swapaxes(root, 1, 2) @ np.swapaxes(follows, 1, 2)
         self.covariance_px2 = self.sigma_px[:, :, None] ** 2 * np.eye(2) + self.point_px2
+        # Of all pixel coordinates: what rays of one point share, and with it their own.
+        by = (follows @ root).reshape(2 * n, 3)
+        self.survey_px2 = by @ by.T * np.repeat(np.repeat(self.point[:, None] == self.point, 2, axis=0), 2, axis=1)
+        self.whole_px2 = np.diag(self.sigma_px.ravel() ** 2) + self.survey_px2
         self.rows_px = rng.normal(size=(n, 2, self.k)) * rng.uniform(0.2, 3.0, self.k)
         truth = rng.normal(size=self.k)
-        error = np.einsum("nij,nj->ni", np.linalg.cholesky(self.covariance_px2), rng.normal(size=(n, 2)))
+        error = (np.linalg.cholesky(self.whole_px2) @ rng.normal(size=2 * n)).reshape(n, 2)
         self.measured_px = error - self.rows_px @ truth  # residual at u = 0
         self.observations = wj.Observations(
             wj.Shot(time_s=np.arange(n, dtype=float)),
-            rng.normal(size=(n, 3)),
+            rng.normal(size=(n // rays, 3))[self.point],
             np.zeros((n, 2)),
             self.sigma_px,
             self.used,
             root @ np.swapaxes(root, 1, 2),
             ["A" if i % 2 else "B" for i in range(n)],
+            point=self.point,
         )
         triangle = np.linalg.inv(np.linalg.cholesky(self.covariance_px2))
         weight = np.stack([triangle[:, 0, 0], triangle[:, 1, 0], triangle[:, 1, 1]], -1)
-        problem = SimpleNamespace(scale=np.ones(self.k), mean=np.zeros(self.k))
+        problem = SimpleNamespace(scale=np.ones(self.k), mean=np.zeros(self.k), loss=None)
         # Measurements of pixels, and of zero by the priors.
         self.design = np.concatenate([self.rows_px[self.used].reshape(-1, self.k), np.eye(self.k)[self.has_prior]])
-        self.weights = np.linalg.inv(block_diag(*self.covariance_px2[self.used], np.eye(sum(has_prior))))
+        self.deciding = np.flatnonzero(np.repeat(self.used, 2))
+        self.weights = np.linalg.inv(block_diag(self.of_deciding(self.whole_px2), np.eye(sum(has_prior))))
         right = np.concatenate([self.measured_px[self.used].ravel(), np.zeros(sum(has_prior))])
         self.unknown_covariance = np.linalg.inv(self.design.T @ self.weights @ self.design)
         u = -self.unknown_covariance @ self.design.T @ self.weights @ right
@@ -110,6 +118,7 @@ class MadeUp:
             np.diag(self.has_prior.astype(float)),
             self.measured_px,
             unseen,
+            common_surveys(self.point, self.observations.point_covariance_m2, follows, np.zeros((n, 2, 2))),
         )
         self.here = Linearised(
             u,
@@ -119,6 +128,10 @@ class MadeUp:
             self.rows_px,
             unseen,
         )
+
+    def of_deciding(self, covariance):
+        """Of the pixel coordinates that decide."""
+        return covariance[np.ix_(self.deciding, self.deciding)]
 
 
 class Textbook:

@@ -33,6 +33,7 @@ SEEN = {
     "sigma_px": np.ones((3, 2)),
     "is_control": np.ones(3, dtype=bool),
     "point_covariance_m2": np.tile(np.eye(3), (3, 1, 1)),
+    "point": np.arange(3),
 }
 OBSERVATIONS = wj.Observations(**SEEN)
 RAYS = {
@@ -285,6 +286,7 @@ TAKES = {
             "sigma_px": np.ones((4, 2)),
             "is_control": np.ones(4, dtype=bool),
             "point_covariance_m2": np.eye(3),
+            "point": np.arange(4),
         },
         "point_m",
         "shot images points labels",

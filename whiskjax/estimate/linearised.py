@@ -87,7 +87,7 @@ class LeastSquares(eqx.Module):
 
     def deciding(self, used: Bool[Any, " n"]) -> Problem:
         """The problem of the used observations alone, rays of one point weighed together."""
-        if self.surveys is None:
+        if self.surveys is None or not self.surveys.are_shared_by(used):
             weight = arrays_of((self.weight, used)).where(used[:, None], self.weight, 0.0)
             return weigh(self.problem, weight, self.indices)
         joint = self.joint(used.astype(float))

@@ -116,7 +116,9 @@ class Layout(NamedTuple):
             groups.append((keys, bool(code[-1]), index.tobytes()))
         if observations.point_covariance_m2 is None or is_traced(observations.point):
             return cls(tuple(groups))
-        return cls(tuple(groups), observations.point.astype(np.int32).tobytes())
+        # What check points share is nothing to those who decide.
+        own = len(observations) + np.arange(len(observations))
+        return cls(tuple(groups), np.where(decides, observations.point, own).astype(np.int32).tobytes())
 
     @property
     def indices(self) -> list[np.ndarray]:

@@ -19,7 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import Vec2
 from ..rules import arrays_of, is_traced
@@ -41,6 +41,13 @@ class Surveys(eqx.Module):
     follows: Float[Any, "n 2 3"]
     covariance_m2: Float[Any, "points 3 3"]
     alone_px2: Float[Any, "n 2 2"]
+
+    def are_shared_by(self, used: Bool[Any, " n"]) -> bool:
+        """Whether several of the used rays may see one point."""
+        if arrays_of((self.of, self.follows, used)) is not np:
+            return True
+        seen = self.of[used & (self.follows != 0).any(axis=(1, 2))]
+        return bool((np.bincount(seen, minlength=1) > 1).any())
 
     def joint(self, weight: Float[Any, "n 3"], share: Float[Any, " n"]) -> "Joint":
         """What rays of one point have in common, where each takes part by its `share`.

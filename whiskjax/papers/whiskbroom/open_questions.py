@@ -318,10 +318,10 @@ def pos_errors(runs: int) -> PosErrors:
     for flight in flights():
         considered.append(solved(flight, sensor=with_pos_bias(flight.sensor)[0], observations=control(flight), consider=more))
     return PosErrors(
-        judged(ignored.value, ignored.covariance),
-        judged(estimated.value, estimated.covariance),
+        judged(ignored.value, ignored.estimate.covariance),
+        judged(estimated.value, estimated.estimate.covariance),
         judged(np.array([c.value for c in considered]), np.array([c.posterior.covariance for c in considered])),
-        (estimated.value[:, :15] - truth).std(axis=0, ddof=1) / np.sqrt((estimated.sigma[:, :15] ** 2).mean(axis=0)),
+        (estimated.value[:, :15] - truth).std(axis=0, ddof=1) / np.sqrt((estimated.estimate.sigma[:, :15] ** 2).mean(axis=0)),
     )
 
 
@@ -352,7 +352,7 @@ def honest_covariance(runs: int, seed: int = 0) -> Honesty:
     batch = calibrate_redrawn(flight.sensor, found, flight.unknowns, images + noise, steps=8)
     error = batch.value - truth
     return Honesty(
-        error.std(axis=0, ddof=1) / np.sqrt((batch.sigma**2).mean(axis=0)),
-        nees(error / sigma, batch.covariance / np.outer(sigma, sigma)),
+        error.std(axis=0, ddof=1) / np.sqrt((batch.estimate.sigma**2).mean(axis=0)),
+        nees(error / sigma, batch.estimate.covariance / np.outer(sigma, sigma)),
         batch.is_successful,
     )

@@ -124,7 +124,7 @@ def _parameters(study: Study, batch: Batch, paper: Mapping[str, float]) -> list[
     for name, weights in {**single, **joined}.items():
         w = np.array([weights.get(n, 0) for n in names], dtype=float)
         unit, factor = batch.unknowns[names.index(next(iter(weights)))].unit
-        sigma = np.sqrt(np.einsum("i,nij,j->n", w, batch.covariance, w))
+        sigma = np.sqrt(np.einsum("i,nij,j->n", w, batch.estimate.covariance, w))
         values, k = batch.value @ w, study.representative
         rows.append(
             {
