@@ -6,9 +6,9 @@ part, no root of S is needed, so that a point may be exact in some direction or 
 
     e = v - G S (M + M^1/2)^-1 t,   M = 1 + H S,   t = sum of G^T v
 
-are independent of variance 1, |e|^2 = r^T V^-1 r; they are the symmetric root V^-1/2 v, of all such roots the one that keeps each
-residual closest to what it was, in whatever order rays and axes come. What the rays that take part say of a ray's survey error is
-S M^-1 t, of covariance S M^-1. Both are Woodbury's identity (1950).
+are independent of variance 1, |e|^2 = r^T V^-1 r; they are v times the symmetric root of the inverse of its covariance, of all
+such roots the one that keeps each residual closest to what it was, in whatever order rays and axes come. What the rays that take
+part say of a ray's survey error is S M^-1 t, of covariance S M^-1. Both are Woodbury's identity (1950).
 
 A point that one ray sees needs none of this: its survey error is part of that ray's own covariance.
 """
