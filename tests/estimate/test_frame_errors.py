@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+import scipy.linalg
 
 import whiskjax as wj
 from tests.estimate.test_pure import COVARIANCE_M2, PIXEL_PX, POINT_M, SIZE, TIME_S, UNKNOWNS, N, sensor
@@ -67,6 +68,24 @@ def test_what_exposures_have_in_common_is_considered(effects):
     sigma = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found.estimate.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-3)
     assert (np.asarray(found.estimate.sigma) > 1.2 * np.asarray(plain.estimate.sigma)).any()
+
+
+def test_errors_that_wander_enter_the_model_test(effects):
+    """The cost is the least of generalised least squares with their covariance between exposures, exp(-dt / tau), in that of the
+    pixels; effects and weights are those of the start, a hundredth off."""
+    wanders = wj.FrameErrors("body", turn_sigma_rad=(2e-3, 1e-3, 3e-3), shift_sigma_m=(0.1, 0.2, 0.0), correlation_s=0.5)
+    found, plain = (wj.calibrate(sensor(), SEEN, UNKNOWNS, errors=e) for e in ([wanders], []))
+    use = np.flatnonzero(SEEN.is_control)
+    rows, follows = np.asarray(plain._here.rows_px)[use], plain._ready.follows[use]
+    own = 0.49 * np.eye(2) + follows @ COVARIANCE_M2[use] @ follows.swapaxes(1, 2)
+    memory = np.exp(-np.abs(TIME_S[use, None] - TIME_S[use]) / 0.5)
+    common = np.einsum("iac,jbc,ij->iajb", effects[use], effects[use], memory).reshape(2 * len(use), 2 * len(use))
+    weight = np.linalg.inv(scipy.linalg.block_diag(scipy.linalg.block_diag(*own) + common, np.eye(3)))
+    design = np.concatenate([rows.reshape(-1, 4), np.eye(4)[:3]])
+    left = np.concatenate([plain.residual_after_px[use].ravel(), plain._here.u[:3]])
+    left = left - design @ np.linalg.solve(design.T @ weight @ design, design.T @ weight @ left)
+    assert found.estimate.cost == pytest.approx(left @ weight @ left, rel=0.05)
+    assert found.estimate.cost < 0.8 * plain.estimate.cost and found.estimate.freedom == plain.estimate.freedom
 
 
 def test_the_covariance_holds_for_drawn_errors():

@@ -114,7 +114,7 @@ def calibrate(
     here, used, found, unknowns = linearise(ready, u), control, None, priors.unknowns
     if not traced:
         for _ in range(POLISH if loss is not None else 1):
-            pull = _share(independent(ready, here, control.astype(float)), control, loss)
+            pull = _share(here if loss is None else independent(ready, here, control.astype(float)), control, loss)
             here = refine(ready, here, pull, 1 if loss is not None else POLISH, NEAR)
         weights = reweigh if bool(is_successful(result)) else None
         ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)

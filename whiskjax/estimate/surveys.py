@@ -25,7 +25,8 @@ from ..algebra.vectors import Vec2
 from ..rules import arrays_of, is_traced
 from ..rules.sizes import rounded
 
-_STEPS = 12  # of Denman and Beavers, scaled: enough for eigenvalues from 1 to 1e12
+# Of Denman and Beavers, scaled: enough for eigenvalues from 1 to 1e12; and from where on a step, which squares, leaves rounding.
+_STEPS, _SAME = 12, 1e-9
 
 
 class Surveys(eqx.Module):
@@ -195,5 +196,7 @@ def _root(m: Float[Any, "points 3 3"]) -> Float[Any, "points 3 3"]:
     if math is jnp:
         return jax.lax.fori_loop(0, _STEPS, step, xy)[0]
     for i in range(_STEPS):
-        xy = step(i, xy)
+        last, xy = xy, step(i, xy)
+        if np.abs(xy[0] - last[0]).max() <= _SAME * np.abs(xy[0]).max():
+            break
     return xy[0]
