@@ -292,6 +292,19 @@ def test_one_point_has_one_survey():
         dataclasses.replace(observed(), point_covariance_m2=observed().point_covariance_m2 * twice)
 
 
+def test_points_of_a_flight_are_those_of_its_tables(flight, tmp_path):
+    """Two images of one point, in Python and from a folder: one point, whose survey error is one."""
+    measured = flight.measurements
+    point = measured.point.copy()
+    point[[3, 7]] = point[[140, 141]]
+    twice = dataclasses.replace(flight, measurements=dataclasses.replace(measured, point=point))
+    for of in (twice, wj.read_flight(wj.write_flight(twice, tmp_path / "twice"))):
+        seen = of.observations()
+        assert (np.bincount(seen.point) == 2).sum() == 2 and len(np.unique(seen.point)) == len(seen) - 2
+        names = np.array(seen.points)
+        np.testing.assert_array_equal(names[:, None] == names, seen.point[:, None] == seen.point)
+
+
 def test_rays_keep_their_points():
     """When some are taken, when all is replaced but the names, and by number where there are no names."""
     seen = observed()

@@ -148,6 +148,8 @@ def common_surveys(
         is_common, of, whose = count[point] > 1, point, one
     else:
         is_common = np.bincount(point)[point] > 1
+        if not is_traced(covariance_m2):
+            is_common &= (covariance_m2 != 0).any(axis=(1, 2))  # an exact point has no error to share
         if not is_common.any():
             return None
         _, first, number = np.unique(point[is_common], return_index=True, return_inverse=True)
