@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from ..algebra.vectors import Component, Vec2, Vec3, add, mul
 from ..chain.bake import bake
 from ..chain.imaging import image
-from ..chain.parameters import Parameters, once
+from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..rules import WhiskjaxError, arrays_of, is_traced
@@ -76,11 +76,9 @@ def residual(group: Group, sensor: Sensor) -> Vec2:
 def residuals(u: Float[Array, " unknowns"], problem: Problem) -> tuple[list[Vec2], Float[Array, " unknowns"]]:
     """All whitened residuals of a baked problem: observations, under the robust loss, and priors."""
     sensor = problem.put(u)
-    if problem.shared is None:
-        observed = [residual(group, sensor) for group in problem.groups]
-    else:
-        alone = once(lambda: [residual(group, sensor) for group in problem.groups], problem.unknowns.scale[0] > 0)
-        observed = problem.shared.independent(alone)
+    observed = [residual(group, sensor) for group in problem.groups]
+    if problem.shared is not None:
+        observed = problem.shared.independent(observed)
     if problem.loss is not None:
         factors = [problem.loss.factor(x * x + y * y) for x, y in observed]
         observed = [(f * x, f * y) for f, (x, y) in zip(factors, observed, strict=True)]
