@@ -20,7 +20,7 @@ from ..chain.pose import Motion
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
 from ..earth.surface import AbstractSurface
-from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need
+from ..rules import Arrays, Numbers, WhiskjaxError, arrays_of, is_traced, need, plain
 from ..rules.spread import LEAST_SIGMA, MOST_SIGMA, refuse_sigmas
 from .level import in_frame
 from .memory import CONSTANT, FADING, WHITE, correlation, drawn
@@ -124,11 +124,11 @@ class FrameErrors(eqx.Module):
         if len(shape) > 1:
             raise WhiskjaxError(f"exposures of the shape {shape}: errors are correlated along one axis; use vmap for the others")
         n = shape[0] if shape else 1 if count is None else count
-        time = None
+        time, group = None, 0 if self.is_white else self.key(shot)
         if any(self.memory[k] == FADING for k in self.acting):
-            time = jnp.broadcast_to(shot.need("time_s", f"by which errors of {self.frame} are forgotten"), (n,))
-        is_white = all(self.memory[k] == WHITE for k in self.acting)
-        return Exposures(n, time, jnp.broadcast_to(jnp.asarray(0 if is_white else self.key(shot)), (n,)))
+            time = plain(shot.need("time_s", f"by which errors of {self.frame} are forgotten"))
+            time = arrays_of(time).broadcast_to(time, (n,))
+        return Exposures(n, time, arrays_of(group).broadcast_to(plain(group), (n,)))
 
     def correlation(self, shot: Shot, component: int, count: int | None = None) -> Float[Array, "n n"]:
         """The correlation of one component (0 to 5, as in `AXES`) between exposures: exp(-|dt| / tau), 0 where drawn anew."""
@@ -228,10 +228,12 @@ def draw_errors(
         # Of the same words the second draws something else than the first.
         ordinal = sum(other.described == one.described for other in errors[:i])
         own = jax.random.fold_in(jax.random.fold_in(key, zlib.crc32(one.described.encode())), ordinal)
-        six: list[Component] = [0] * 6
-        for k in one.acting:
-            standard = drawn(jax.random.fold_in(own, k), one.memory[k], one.correlation_s[k], time, group, n)
-            six[k] = one.sigma[k] * standard
+        white = plain(jax.random.normal(own, (6, n), float))  # of components that do not act, too: which do changes no other
+        acting, six = list(one.acting), [0] * 6
+        pick = lambda each: [each[k] for k in acting]
+        standard = drawn(white[np.array(acting, dtype=int)], pick(one.memory), pick(one.correlation_s), time, group)
+        for k, value in zip(acting, standard, strict=True):
+            six[k] = plain(one.sigma[k]) * value
         motion = Motion(tuple(six[:3]), tuple(six[3:]))
         if one.axes == "level":
             motion = in_frame(one.frame, motion, shot, sensor, surface)

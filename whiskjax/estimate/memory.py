@@ -4,19 +4,24 @@ Between two moments an error keeps phi = exp(-dt / tau) of itself and gains sigm
 4.5-8 and 4.5-9, the first-order Markov process), so that its covariance is sigma^2 exp(-|dt| / tau) at all times.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
+
+from ..rules import arrays_of, plain
 
 WHITE, FADING, CONSTANT = "white", "fading", "constant"
 
 
 def forgotten(step_s: Any, correlation_s: Any) -> Any:
     """phi = exp(-dt / tau), what is left of an error after some seconds; of one without memory 1 at once, and then 0."""
-    tau = jnp.asarray(correlation_s, dtype=float)
-    return jnp.where(tau > 0, jnp.exp(-step_s / jnp.where(tau > 0, tau, 1.0)), jnp.where(step_s == 0, 1.0, 0.0))
+    math = arrays_of((step_s, correlation_s))
+    tau = math.asarray(correlation_s, dtype=float)
+    return math.where(tau > 0, math.exp(-step_s / math.where(tau > 0, tau, 1.0)), math.where(step_s == 0, 1.0, 0.0))
 
 
 def correlation(
@@ -33,27 +38,42 @@ def correlation(
 
 def steps(memory: str, correlation_s: Any, time_s: Float[Array, " n"] | None, group: Array, exposures: int) -> Float[Array, " n"]:
     """phi from the exposure before, in the order given; 0 for the first, and where the group changes."""
+    math = arrays_of((correlation_s, time_s, group))
     if memory == WHITE:
-        return jnp.zeros(exposures)
+        return math.zeros(exposures)
     if memory == CONSTANT or time_s is None:
-        kept = jnp.ones(exposures - 1)
+        kept = math.ones(exposures - 1)
     else:
-        kept = forgotten(jnp.abs(jnp.diff(time_s)), correlation_s)
-    return jnp.concatenate([jnp.zeros(1), jnp.where(group[1:] == group[:-1], kept, 0.0)])
+        kept = forgotten(math.abs(math.diff(time_s)), correlation_s)
+    return math.concatenate([math.zeros(1), math.where(group[1:] == group[:-1], kept, 0.0)])
 
 
-def drawn(
-    key: Any, memory: str, correlation_s: Any, time_s: Float[Array, " n"] | None, group: Array, exposures: int
-) -> Float[Array, " n"]:
-    """One draw at unit sigma, exact for any times in any order: x_i = phi_i x_(i-1) + sqrt(1 - phi_i^2) w_i in the order of time
-    within each group of exposures that share a draw."""
-    white = jax.random.normal(key, (exposures,), float)
-    if memory == WHITE:
-        return white
-    order = jnp.lexsort((jnp.zeros(exposures) if time_s is None else time_s, group))
-    keep = steps(memory, correlation_s, None if time_s is None else time_s[order], group[order], exposures)
-    # A root has no derivative at zero, where two exposures are one moment.
-    gained = 1 - keep * keep
-    fresh = jnp.where(gained > 0, jnp.sqrt(jnp.where(gained > 0, gained, 1.0)), 0.0) * white
-    value = jax.lax.associative_scan(lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), (keep, fresh))[1]
-    return jnp.zeros(exposures).at[order].set(value)
+def drawn(white: Any, memory: Sequence[str], correlation_s: Sequence[Any], time_s: Any, group: Any) -> list[Any]:
+    """Draws of unit sigma, (n,) each, of independent white ones (components, n); exact for any times in any order.
+
+    In the order of time, within each group of exposures that share a draw, x_i = phi_i x_(i-1) + sqrt(1 - phi_i^2) w_i.
+    """
+    found, fading = list(white), [k for k, kind in enumerate(memory) if kind == FADING]
+    if all(kind == WHITE for kind in memory):
+        return found
+    # What is known of the exposures is put in order on the host, also where the errors are traced.
+    math, n = arrays_of((time_s, group)), white.shape[1]
+    group = math.asarray(group)
+    order = math.lexsort((math.zeros(n) if time_s is None else math.asarray(time_s), group))
+    first = order[math.searchsorted(group[order], group)]  # of the exposures that share the draw
+    for k in (k for k, kind in enumerate(memory) if kind == CONSTANT):
+        found[k] = white[k][first]
+    if fading:
+        each = [steps(FADING, correlation_s[k], math.asarray(time_s)[order], group[order], n) for k in fading]
+        math = arrays_of(each)
+        keep = math.stack(each, axis=1)
+        # A root has no derivative at zero, where two exposures are one moment.
+        gained = 1 - keep * keep
+        root = math.where(gained > 0, math.sqrt(math.where(gained > 0, gained, 1.0)), 0.0)
+        fresh = root * white[np.array(fading)][:, order].T
+        start = jnp.zeros(len(fading))
+        course = jax.lax.scan(lambda x, step: (step[0] * x + step[1],) * 2, start, (keep, fresh))[1]
+        value = plain(course)[arrays_of(order).argsort(order)]
+        for j, k in enumerate(fading):
+            found[k] = value[:, j]
+    return found
