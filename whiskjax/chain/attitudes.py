@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.angles import SMALL_RAD, sincos, sincos_of_small
 from ..algebra.vectors import Vec3, unstack
+from ..rules import arrays_of
 from .knots import take
 from .rotation_spline import attitude_rates
 from .rotations import Quaternion, quaternion_from_small_vector, quaternion_from_vector
@@ -33,10 +34,11 @@ class Slerp(AbstractTurning):
     def __init__(self, quaternion: Float[np.ndarray, "n 4"]):
         """**Arguments:** `quaternion`: sign-continuous."""
         turn = relative_turns(quaternion)
-        angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-        self.axis = unstack(turn / np.where(angle > 0, angle, 1.0))
-        self.half_turn_rad = jnp.asarray(0.5 * angle[:, 0])
-        self.is_small = bool((0.5 * angle < SMALL_RAD).all())
+        math, squared = arrays_of(turn), (turn * turn).sum(axis=-1, keepdims=True)
+        angle = math.sqrt(math.where(squared > 0, squared, 1.0))  # a root has no derivative at zero
+        self.axis = unstack(turn / angle)
+        self.half_turn_rad = jnp.asarray(math.where(squared > 0, 0.5 * angle, 0.0)[:, 0])
+        self.is_small = math is np and bool((np.asarray(self.half_turn_rad) < SMALL_RAD).all())
 
     def since(self, i, w):
         """The share w of the turn."""

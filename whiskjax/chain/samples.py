@@ -1,12 +1,13 @@
-"""POS records made ready for interpolation, once, on the host (numpy, never traced)."""
+"""POS records made ready for interpolation, once: on the host, in numpy, unless they are traced."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ..earth.ellipsoid import ECCENTRICITY2, LAT_FIRST, SEMI_MAJOR_M
-from ..rules import Arrays, WhiskjaxError
+from ..rules import Arrays, WhiskjaxError, arrays_of, is_traced, plain
 from .rotations import Quaternion, quaternion_product
 
 # Any roll, pitch or heading is a rotation, and a heading may run on through north; but beyond two turns degrees were meant.
@@ -22,12 +23,26 @@ def blocks(n: int, size: int = _BLOCK) -> Iterator[slice]:
     return (slice(start, min(start + size, n)) for start in range(0, n, size))
 
 
+def by_blocks(of: Callable[..., Any], *records: Any) -> Any:
+    """of(*records), each (n, ...), for one block of records after the other; at once where they are traced."""
+    n, out = len(records[0]), None
+    if any(map(is_traced, records)):
+        return of(*records)
+    for rows in blocks(n):
+        value = of(*(record[rows] for record in records))
+        out = np.empty((n, *value.shape[1:])) if out is None else out
+        out[rows] = value
+    return of(*records) if out is None else out
+
+
 def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> Float[np.ndarray, "n 4"]:
     """Normalised; those of unit length as they are.
 
     **Raises:** `WhiskjaxError`, beginning with `whose` and the row, where a quaternion is nowhere near unit length.
     """
-    length = np.linalg.norm(quaternion_xyzw, axis=-1, keepdims=True)
+    length = arrays_of(quaternion_xyzw).linalg.norm(quaternion_xyzw, axis=-1, keepdims=True)
+    if is_traced(length):
+        return quaternion_xyzw / length
     if not (length > 0.5).all():
         raise WhiskjaxError(f"{whose} {int(np.argmin(length))} has length {length.min():.3g}, not 1")
     return quaternion_xyzw if (np.abs(length - 1) < 1e-15).all() else quaternion_xyzw / length
@@ -35,25 +50,29 @@ def unit_quaternions(quaternion_xyzw: Float[np.ndarray, "n 4"], whose: str) -> F
 
 def sign_continuous(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     """The same attitudes, each quaternion with the sign nearer to the one before: q and -q are one attitude."""
-    flips = np.einsum("ni,ni->n", q[1:], q[:-1]) < 0
-    if not flips.any():
+    math = arrays_of(q)
+    flips = math.einsum("ni,ni->n", q[1:], q[:-1]) < 0
+    if math is np and not flips.any():
         return q
-    sign = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)])
+    sign = math.concatenate([math.ones(1), math.where(math.cumsum(flips) % 2 == 1, -1.0, 1.0)])
     return q * sign[:, None]
 
 
 def relative_turns(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n-1 3"]:
     """Rotation vector from each sign-continuous quaternion to the next, in the body frame: q[i+1] = q[i] exp(turn / 2)."""
-    out = np.empty((len(q) - 1, 3))
-    for rows in blocks(len(out)):
-        (x, y, z, w), (u, v, s, c) = q[:-1][rows].T, q[1:][rows].T
-        vector = np.stack([w * u - x * c - y * s + z * v, w * v - y * c - z * u + x * s, w * s - z * c - x * v + y * u], axis=-1)
+
+    def turns(before, after):
+        math, (x, y, z, w), (u, v, s, c) = arrays_of(before), before.T, after.T
+        vector = math.stack(
+            [w * u - x * c - y * s + z * v, w * v - y * c - z * u + x * s, w * s - z * c - x * v + y * u], axis=-1
+        )
         scalar = w * c + x * u + y * v + z * s
-        length = np.linalg.norm(vector, axis=-1)
-        angle = 2 * np.arctan2(length, scalar)
-        factor = np.where(length > 1e-9, angle / np.where(length > 1e-9, length, 1.0), 2.0)
-        out[rows] = vector * factor[:, None]
-    return out
+        squared = (vector * vector).sum(axis=-1)
+        far = squared > 1e-18
+        length = math.sqrt(math.where(far, squared, 1.0))
+        return vector * math.where(far, 2 * math.arctan2(length, scalar) / length, 2.0)[:, None]
+
+    return by_blocks(turns, q[:-1], q[1:])
 
 
 def quaternions_from_matrices(rotation: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
@@ -107,8 +126,8 @@ def ecef_from_ned_matrices(lat_rad, lon_rad) -> Float[np.ndarray, "n 3 3"]:
 
 def turned(axis: str, angle_rad: Float[np.ndarray, " n"]) -> Quaternion:
     """Quaternions of active rotations about x, y or z."""
-    half = 0.5 * np.asarray(angle_rad)
-    return *(np.sin(half) if name == axis else 0 for name in "xyz"), np.cos(half)
+    math, half = arrays_of(angle_rad), 0.5 * plain(angle_rad)
+    return *(math.sin(half) if name == axis else 0 for name in "xyz"), math.cos(half)
 
 
 def body_in_ned(roll_rad, pitch_rad, heading_rad) -> Quaternion:
@@ -118,22 +137,23 @@ def body_in_ned(roll_rad, pitch_rad, heading_rad) -> Quaternion:
 
 def ned_in_ecef(lat_rad, lon_rad) -> Quaternion:
     """Attitude of the local level: about z by the longitude, then about y from the z axis to down."""
-    return quaternion_product(turned("z", lon_rad), turned("y", -np.asarray(lat_rad) - np.pi / 2))
+    return quaternion_product(turned("z", lon_rad), turned("y", -plain(lat_rad) - np.pi / 2))
 
 
-def quaternions_in_blocks(n: int, quaternion: Callable[[slice], Quaternion]) -> Float[np.ndarray, "n 4"]:
-    """Unit quaternions of n samples, the largest component of each positive.
+def quaternions_in_blocks(of: Callable[..., Quaternion], *records: Any) -> Float[np.ndarray, "n 4"]:
+    """Unit quaternions of n records, the largest component of each positive.
 
-    **Arguments:** `quaternion`: from a block's slice to the components of its quaternions.
+    **Arguments:** `of`: from a block of the records, (m,) each, to the components of their quaternions.
     """
-    out = np.empty((n, 4))
-    for rows in blocks(n):
-        q = out[rows]
-        for k, component in enumerate(quaternion(rows)):
-            q[:, k] = component
-        largest = np.take_along_axis(q, np.abs(q).argmax(axis=1)[:, None], axis=1)
-        q /= np.copysign(np.linalg.norm(q, axis=1, keepdims=True), largest)
-    return out
+
+    def unit(*block):
+        components = of(*block)
+        math = arrays_of(components)
+        q = math.stack(math.broadcast_arrays(*components), axis=1)
+        largest = math.take_along_axis(q, math.abs(q).argmax(axis=1)[:, None], axis=1)
+        return q / math.copysign(math.linalg.norm(q, axis=1, keepdims=True), largest)
+
+    return by_blocks(unit, *records)
 
 
 def ecef_from_ned_vectors(lat_rad, lon_rad, vector_ned: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -154,16 +174,15 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
     arrays = Arrays("Trajectory.from_geodetic")
 
     def take(name, value, within_rad=None, meaning=""):
-        return np.asarray(arrays.take(name, value, "n", absolute=True, finite=True, within_rad=within_rad, meaning=meaning))
+        return plain(arrays.take(name, value, "n", absolute=True, finite=True, within_rad=within_rad, meaning=meaning))
 
     lat = take("lat_rad", lat_rad, np.pi / 2, LAT_FIRST)
     lon, height = take("lon_rad", lon_rad, 2 * np.pi), take("height_m", height_m)
     roll, pitch = take("roll_rad", roll_rad, ATTITUDE_RAD, TURNS), take("pitch_rad", pitch_rad, ATTITUDE_RAD, TURNS)
     heading = take("heading_rad", heading_rad, ATTITUDE_RAD, TURNS)
     position = ecef_positions(lat, lon, height)
-    quaternion = quaternions_in_blocks(
-        len(lat), lambda i: quaternion_product(ned_in_ecef(lat[i], lon[i]), body_in_ned(roll[i], pitch[i], heading[i]))
-    )
+    attitude = lambda lat, lon, *angles: quaternion_product(ned_in_ecef(lat, lon), body_in_ned(*angles))
+    quaternion = quaternions_in_blocks(attitude, lat, lon, roll, pitch, heading)
     ned = arrays.take("velocity_ned_mps", velocity_ned_mps, "n 3", optional=True, absolute=True, finite=True)
     velocity = None if ned is None else ecef_from_ned_vectors(lat, lon, np.asarray(ned))
     return position, quaternion, velocity
@@ -171,12 +190,12 @@ def ecef_samples(lat_rad, lon_rad, height_m, roll_rad, pitch_rad, heading_rad, v
 
 def ecef_positions(lat_rad, lon_rad, height_m) -> Float[np.ndarray, "n 3"]:
     """ECEF positions of geodetic ones."""
-    out = np.empty((len(lat_rad), 3))
-    for rows in blocks(len(out)):
-        lat, lon, height = lat_rad[rows], lon_rad[rows], height_m[rows]
-        s, c = np.sin(lat), np.cos(lat)
-        n = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY2 * s * s)
-        out[rows, 0] = (n + height) * c * np.cos(lon)
-        out[rows, 1] = (n + height) * c * np.sin(lon)
-        out[rows, 2] = (n * (1 - ECCENTRICITY2) + height) * s
-    return out
+
+    def positions(lat, lon, height):
+        math = arrays_of((lat, lon, height))
+        s, c = math.sin(lat), math.cos(lat)
+        n = SEMI_MAJOR_M / math.sqrt(1 - ECCENTRICITY2 * s * s)
+        r = (n + height) * c
+        return math.stack([r * math.cos(lon), r * math.sin(lon), (n * (1 - ECCENTRICITY2) + height) * s], axis=1)
+
+    return by_blocks(positions, lat_rad, lon_rad, height_m)

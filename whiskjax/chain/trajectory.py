@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from ..algebra.vectors import ZERO, Component, Vec3, add, is_structural, matmul, norm, unstack
 from ..earth.ellipsoid import ecef_from_geodetic
 from ..earth.frames import ecef_from_ned
-from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, first_failure, require_x64
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, first_failure, is_traced, plain, require_x64
 from ..rules.results import choose
 from .attitudes import Slerp, TurnSpline
 from .camera import parameter
@@ -73,7 +73,7 @@ class Trajectory(AbstractLink):
     ):
         """**Arguments:**
 
-        - `time_s`: strictly increasing, seconds.
+        - `time_s`: strictly increasing, seconds; never traced, as all else may be: then what it says is not looked at.
         - `position_m`: of the POS reference point, in the world frame (ECEF or local Cartesian).
         - `quaternion_xyzw`: world_from_body, any sign, normalised here.
         - `max_gap_s`: longer intervals are not bridged.
@@ -86,20 +86,23 @@ class Trajectory(AbstractLink):
         require_x64("Trajectory")
         arrays = Arrays("Trajectory")
         recorded_s = arrays.take("time_s", time_s, "n", absolute=True)
-        position = np.asarray(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
-        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
+        position = plain(arrays.take("position_m", position_m, "n 3", absolute=True, finite=True))
+        quaternion = plain(arrays.take("quaternion_xyzw", quaternion_xyzw, "n 4", absolute=True, finite=True))
         velocity = arrays.take("velocity_mps", velocity_mps, "n 3", optional=True, absolute=True, finite=True)
         self.knots = Knots(recorded_s, max_gap_s, "Trajectory")
         quaternion = sign_continuous(unit_quaternions(quaternion, "Trajectory: the quaternion of sample"))
-        velocity = None if velocity is None else np.asarray(velocity)
+        velocity = None if velocity is None else plain(velocity)
         time = np.asarray(recorded_s)  # not the knots', which are traced where the trajectory is made inside jit
-        is_gap = np.diff(time) > max_gap_s
-        refuse_impossible_motion(time, position, quaternion, velocity, max_gap_s)
-        if unclear := unclear_turn(time, quaternion, is_gap):
-            raise ImpossibleMotion(unclear.sample, "attitude", lambda name: unclear.what)
+        is_gap, traced = np.diff(time) > max_gap_s, any(map(is_traced, (position, quaternion, velocity)))
+        if not traced:
+            refuse_impossible_motion(time, position, quaternion, velocity, max_gap_s)
+            if unclear := unclear_turn(time, quaternion, is_gap):
+                raise ImpossibleMotion(unclear.sample, "attitude", lambda name: unclear.what)
         self.interpolation = check_interpolation("Trajectory", interpolation)
         if self.interpolation == "linear":
             self.turning = Slerp(quaternion)
+        elif traced:
+            raise WhiskjaxError("Trajectory: a cubic spline is laid through samples on the host; traced ones are met linearly")
         elif velocity is None:
             velocity = spline_slopes(time, position, is_gap)
             self.turning = TurnSpline(time, quaternion, is_gap)
@@ -109,7 +112,7 @@ class Trajectory(AbstractLink):
                 "interpolation='linear', which meets position and velocity at every sample"
             )
         self.position_m = unstack(position)
-        self.velocity_mps = None if velocity is None else unstack(np.asarray(velocity))
+        self.velocity_mps = None if velocity is None else unstack(velocity)
         self.quaternion = unstack(quaternion)
         self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
         self.attitude_delay_s = take_component(arrays, "attitude_delay_s", attitude_delay_s, absolute=True)
@@ -218,10 +221,11 @@ class PosePerImage(AbstractStations):
         """**Arguments:** positions in the world frame in metres, quaternions world_from_body, and the small motions or None."""
         require_x64("PosePerImage")
         arrays = Arrays("PosePerImage")
-        position = np.asarray(arrays.take("position_m", position_m, "images 3", absolute=True, finite=True))
-        quaternion = np.asarray(arrays.take("quaternion_xyzw", quaternion_xyzw, "images 4", absolute=True, finite=True))
+        position = plain(arrays.take("position_m", position_m, "images 3", absolute=True, finite=True))
+        quaternion = plain(arrays.take("quaternion_xyzw", quaternion_xyzw, "images 4", absolute=True, finite=True))
         quaternion = unit_quaternions(quaternion, "PosePerImage: the quaternion of image")
-        refuse_lone_positions(arrays, position, "image")
+        if not is_traced(position):
+            refuse_lone_positions(arrays, position, "image")
         self.position_m = unstack(position)
         self.quaternion = unstack(quaternion)
         self.turn_rad = arrays.take("turn_rad", turn_rad, "images 3", optional=True, finite=True, within_rad=2 * np.pi)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..algebra.angles import ELEMENTARY, Angle
 from ..algebra.vectors import Component, add, is_structural, mul
-from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, need
+from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced, need, plain
 from .knots import Knots, take
 from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
@@ -64,7 +64,7 @@ class Encoder(eqx.Module):
     ):
         """**Arguments:**
 
-        - `time_s`: strictly increasing, seconds.
+        - `time_s`: strictly increasing, seconds; never traced.
         - `angle_rad`: radians.
         - `max_gap_s`: longer intervals are not bridged.
         - `name`: for messages.
@@ -77,15 +77,19 @@ class Encoder(eqx.Module):
         """
         arrays = Arrays(name)
         time = np.asarray(arrays.take("time_s", time_s, "n", absolute=True))
-        angle = np.asarray(arrays.take("angle_rad", angle_rad, "n", absolute=True, finite=True))
+        angle = plain(arrays.take("angle_rad", angle_rad, "n", absolute=True, finite=True))
         self.knots = Knots(time, max_gap_s, name)
         is_gap = np.diff(time) > max_gap_s
-        angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
-        if unclear:
-            raise WhiskjaxError(f"{name}: {unclear.what}")
         self.interpolation = check_interpolation(name, interpolation)
-        self.angle_rad = jnp.asarray(angle)
         is_cubic = self.interpolation == "cubic"
+        if is_traced(angle):
+            if check_wraps(name, wraps) or is_cubic:
+                raise WhiskjaxError(f"{name}: traced angles are taken as they are, and linearly: no wraps, no cubic spline")
+        else:
+            angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
+            if unclear:
+                raise WhiskjaxError(f"{name}: {unclear.what}")
+        self.angle_rad = jnp.asarray(angle)
         self.rate_rps = jnp.asarray(spline_slopes(time, angle[:, None], is_gap)[:, 0]) if is_cubic else None
         self.wraps = wraps
 

@@ -51,8 +51,8 @@ _COLUMNS = {
     )
 }
 
-# North, east, down in a local world x east, y north, z up: half a turn about the diagonal of x and y.
-_NED_IN_LOCAL: Quaternion = (np.sqrt(0.5), np.sqrt(0.5), 0, 0)
+# Level axes in a local world x east, y north, z up. North, east, down: half a turn about the diagonal of x and y.
+_LOCAL: dict[str, Quaternion] = {"roll_pitch_heading": (np.sqrt(0.5), np.sqrt(0.5), 0, 0), "opk": (0, 0, 0, 1)}
 
 
 class Samples(NamedTuple):
@@ -166,30 +166,24 @@ def samples(table: Table, world: str, angles: str) -> Samples:
     position, n = positions(table, world), len(table)
     lat, lon = _lat_lon(table, position, world, angles)
     a = [np.asarray(table[name]) for name in ATTITUDE[angles]]
-    if angles == "roll_pitch_heading":
-        quaternion = quaternions_in_blocks(
-            n,
-            lambda i: quaternion_product(
-                _NED_IN_LOCAL if world == "local" else ned_in_ecef(lat[i], lon[i]),
-                body_in_ned(np.radians(a[0][i]), np.radians(a[1][i]), np.radians(a[2][i])),
-            ),
-        )
-    elif angles == "opk":
-        grid = np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(n)
-        quaternion = quaternions_in_blocks(
-            n,
-            lambda i: quaternion_product(
-                (0, 0, 0, 1) if world == "local" else _enu_in_ecef(lat[i], lon[i], grid[i]),
-                _opk(np.radians(a[0][i]), np.radians(a[1][i]), np.radians(a[2][i])),
-            ),
-        )
-    else:
+    if angles == "quaternion":
         quaternion = np.stack(a, axis=-1)
         length = np.linalg.norm(quaternion, axis=-1)
         wrong = np.abs(length - 1) > 1e-3
         if wrong.any():
             row = int(np.argmax(wrong))
             table.fail(row, "qx, qy, qz, qw", f"the length of the quaternion is {length[row]:.4g}, not 1")
+    else:
+        level, turn = {"roll_pitch_heading": (ned_in_ecef, body_in_ned), "opk": (_enu_in_ecef, _opk)}[angles]
+        place = (lat, lon)
+        if world == "local":
+            place, level = (), lambda: _LOCAL[angles]
+        elif angles == "opk":
+            place = (lat, lon, np.radians(table["convergence_deg"]) if "convergence_deg" in table else np.zeros(n))
+        k = len(place)
+        quaternion = quaternions_in_blocks(
+            lambda *r: quaternion_product(level(*r[:k]), turn(*map(np.radians, r[k:]))), *place, *a
+        )
     return Samples(position, quaternion, _velocity(table, world, lat, lon))
 
 
