@@ -229,11 +229,9 @@ def draw_errors(
         ordinal = sum(other.described == one.described for other in errors[:i])
         own = jax.random.fold_in(jax.random.fold_in(key, zlib.crc32(one.described.encode())), ordinal)
         white = plain(jax.random.normal(own, (6, n), float))  # of components that do not act, too: which do changes no other
-        acting, six = list(one.acting), [0] * 6
-        pick = lambda each: [each[k] for k in acting]
-        standard = drawn(white[np.array(acting, dtype=int)], pick(one.memory), pick(one.correlation_s), time, group)
-        for k, value in zip(acting, standard, strict=True):
-            six[k] = plain(one.sigma[k]) * value
+        standard, six = drawn(white, one.acting, one.memory, one.correlation_s, time, group), [0] * 6
+        for k in one.acting:
+            six[k] = plain(one.sigma[k]) * standard[k]
         motion = Motion(tuple(six[:3]), tuple(six[3:]))
         if one.axes == "level":
             motion = in_frame(one.frame, motion, shot, sensor, surface)

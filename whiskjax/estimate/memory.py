@@ -48,20 +48,23 @@ def steps(memory: str, correlation_s: Any, time_s: Float[Array, " n"] | None, gr
     return math.concatenate([math.zeros(1), math.where(group[1:] == group[:-1], kept, 0.0)])
 
 
-def drawn(white: Any, memory: Sequence[str], correlation_s: Sequence[Any], time_s: Any, group: Any) -> list[Any]:
+def drawn(
+    white: Any, acting: Sequence[int], memory: Sequence[str], correlation_s: Sequence[Any], time_s: Any, group: Any
+) -> list[Any]:
     """Draws of unit sigma, (n,) each, of independent white ones (components, n); exact for any times in any order.
 
     In the order of time, within each group of exposures that share a draw, x_i = phi_i x_(i-1) + sqrt(1 - phi_i^2) w_i.
+    Components that are not `acting` stay white.
     """
-    found, fading = list(white), [k for k, kind in enumerate(memory) if kind == FADING]
-    if all(kind == WHITE for kind in memory):
+    found, constant, fading = list(white), *([k for k in acting if memory[k] == kind] for kind in (CONSTANT, FADING))
+    if not constant and not fading:
         return found
     # What is known of the exposures is put in order on the host, also where the errors are traced.
     math, n = arrays_of((time_s, group)), white.shape[1]
     group = math.asarray(group)
     order = math.lexsort((math.zeros(n) if time_s is None else math.asarray(time_s), group))
     first = order[math.searchsorted(group[order], group)]  # of the exposures that share the draw
-    for k in (k for k, kind in enumerate(memory) if kind == CONSTANT):
+    for k in constant:
         found[k] = white[k][first]
     if fading:
         each = [steps(FADING, correlation_s[k], math.asarray(time_s)[order], group[order], n) for k in fading]

@@ -1,4 +1,4 @@
-"""The whiskbroom scanner with left and right swings over Haian: a seeded simulation of Jin et al. (2024).
+"""The whiskbroom scanner with left and right swings over Haian: a simulation of Jin et al. (2024).
 
 Jin et al. (2024), Geometric external calibration method for the airborne large-view-field infrared scanner considering different
 effects of left and right pendulum directions, National Remote Sensing Bulletin 28(9), 2372-2382. What the paper leaves out (focal
@@ -6,11 +6,13 @@ length, geometry, noise) is chosen so that what it does print is reproduced.
 """
 
 import dataclasses
-import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..chain.by import By
 from ..chain.imaging import image_to_ground
@@ -18,16 +20,18 @@ from ..chain.line_camera import LineCamera
 from ..chain.lines import LineTimes
 from ..chain.link import AbstractLink
 from ..chain.mounts import Axes, Mount
-from ..chain.samples import ecef_samples
+from ..chain.samples import ecef_from_ned_matrices
 from ..chain.search import ground_to_image
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
-from ..chain.trajectory import PosePerImage, Trajectory
+from ..chain.trajectory import Trajectory
 from ..chain.turn import Encoder, Turn
-from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M, ecef_to_geodetic
-from ..earth.frames import enu_rotation
+from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M
 from ..earth.surface import HeightSurface
+from ..estimate.errors import FrameErrors, draw_errors
+from ..estimate.observations import Observations
 from ..estimate.unknown import Unknown
+from ..rules import arrays_of, plain
 from .flight import Flight, Image, Measurements, Points
 
 FOCAL_PX = 10750.0
@@ -137,78 +141,166 @@ def sensor(
     return Sensor(links, By("swing", cameras))
 
 
-class Path:
-    """The flown path and the scan, as smooth functions of time; attitude waves are drawn once."""
+def frame_errors() -> tuple[FrameErrors, ...]:
+    """How POS errs: a bias for each pair of images, and attitude jitter that is new at every exposure."""
+    bias = FrameErrors("body", POS_BIAS_RAD.tolist(), (POS_BIAS_M,) * 3, correlation_s=np.inf, anew="strip")
+    return bias, FrameErrors("body", POS_JITTER_RAD.tolist())
 
-    def __init__(self, rng: np.random.Generator):
-        self.period_s = np.exp(rng.uniform(np.log(0.8), np.log(5.0), (3, 4)))
-        self.phase_rad = rng.uniform(0, 2 * np.pi, (3, 4))
-        self.wave_rad = np.radians(rng.uniform(0.05, 0.15, (3, 4)))
 
-    def navigation(self, t: np.ndarray, middle_s: np.ndarray) -> tuple[np.ndarray, ...]:
+def draw_truth(key: Array, mean: Truth = _ZERO, sigma: Truth = PRIOR_SIGMA) -> Truth:
+    """Calibration parameters drawn from their priors. Traceable."""
+    white = plain(jax.random.normal(key, (len(sigma), 3), float))
+    return Truth(*(m + s * w for m, s, w in zip(mean, sigma, white, strict=True)))
+
+
+class Path(eqx.Module):
+    """The flown path and the scan, as smooth functions of time. Every number may be traced.
+
+    - `period_s`, `phase_rad`, `wave_rad`: of the waves of roll, pitch and heading, (3, waves) each.
+    """
+
+    period_s: Float[Array, "3 waves"]
+    phase_rad: Float[Array, "3 waves"]
+    wave_rad: Float[Array, "3 waves"]
+    speed_mps: Any = SPEED_MPS
+    heading_rad: Any = HEADING_RAD
+    above_ground_m: Any = ABOVE_GROUND_M
+
+    @classmethod
+    def draw(cls, key: Array) -> "Path":
+        """Four waves each."""
+        share = _shares(key).ravel()[:36].reshape(3, 3, 4)
+        return cls(0.8 * (5.0 / 0.8) ** share[0], 2 * np.pi * share[1], np.radians(0.05) + np.radians(0.10) * share[2])
+
+    def navigation(self, t: np.ndarray, middle_s: np.ndarray) -> tuple[Any, ...]:
         """Latitude, longitude, height, roll, pitch, heading; over the centre of the field at `middle_s`."""
-        root = np.sqrt(1 - ECCENTRICITY2 * np.sin(LAT_RAD) ** 2)
+        math, root = arrays_of(self), np.sqrt(1 - ECCENTRICITY2 * np.sin(LAT_RAD) ** 2)
         prime_vertical = SEMI_MAJOR_M / root
         meridian = prime_vertical * (1 - ECCENTRICITY2) / root**2
-        height = GROUND_M + ABOVE_GROUND_M
-        way = SPEED_MPS * (t - middle_s)
-        lat = LAT_RAD + way * np.cos(HEADING_RAD) / (meridian + height)
-        lon = LON_RAD + way * np.sin(HEADING_RAD) / ((prime_vertical + height) * np.cos(LAT_RAD))
+        height, way = GROUND_M + self.above_ground_m, self.speed_mps * (t - middle_s)
+        lat = LAT_RAD + way * math.cos(self.heading_rad) / (meridian + height)
+        lon = LON_RAD + way * math.sin(self.heading_rad) / ((prime_vertical + height) * np.cos(LAT_RAD))
         angle = 2 * np.pi * t[:, None] / self.period_s[:, None, :] + self.phase_rad[:, None, :]
-        wave = np.sum(self.wave_rad[:, None, :] * np.sin(angle), axis=-1)
-        return lat, lon, np.full_like(t, height), wave[0], PITCH_RAD + wave[1], HEADING_RAD + wave[2]
+        wave = (self.wave_rad[:, None, :] * math.sin(angle)).sum(axis=-1)
+        return lat, lon, height + 0 * t, wave[0], PITCH_RAD + wave[1], self.heading_rad + wave[2]
 
-    @staticmethod
-    def scan(t: np.ndarray, start_s: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def scan(self, t: np.ndarray, start_s: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, Any]:
         """Scan and pitch angle; the pitch holds the line across the track: tan(pitch) = V (t - t_mid) cos(scan) / H."""
         since_middle = t - start_s - SWING_S / 2
         theta = np.where(left, 1.0, -1.0) * since_middle * (2 * SWING_RAD / SWING_S)
-        return theta, np.arctan(SPEED_MPS * since_middle * np.cos(theta) / ABOVE_GROUND_M)
+        return theta, arrays_of(self).arctan(self.speed_mps * since_middle * np.cos(theta) / self.above_ground_m)
+
+    def recorded(self, hz: float = POS_HZ) -> tuple[Trajectory, Encoder, Encoder]:
+        """POS, scan and pitch as samples around each image."""
+        ticks = np.arange(round((SWING_S + 2 * MARGIN_S) * hz) + 1) / hz - MARGIN_S
+        start, left = (np.repeat(each, len(ticks)) for each in (_STARTS, ~_IS_RIGHT))
+        time = np.tile(ticks, len(SCENES)) + start
+        body = Trajectory.from_geodetic(time, *self.navigation(time, start + SWING_S / 2), max_gap_s=MAX_GAP_S)
+        scan, pitch = self.scan(time, start, left)
+        return body, Encoder(time, scan, MAX_GAP_S, "scan"), Encoder(time, pitch, MAX_GAP_S, "pitch")
 
 
-def _segments(hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sample times of all images, with the start and swing of the image that each belongs to."""
-    n = round((SWING_S + 2 * MARGIN_S) * hz) + 1
-    ticks = np.arange(n) / hz - MARGIN_S
-    time = np.concatenate([start + ticks for start, *_ in SCENES.values()])
-    start = np.repeat([scene[0] for scene in SCENES.values()], n)
-    left = np.repeat([name[0] == "L" for name in SCENES], n)
-    return time, start, left
+class Drawn(NamedTuple):
+    """One flight over n points, those of `SCENES` in this order; pixels are (sample, line).
+
+    - `sensor`: as recorded, with parameters of zero; `truth`: as it was, the exposure of one point after the other.
+    - `point_m`, `surveyed_m`: where the points are, and where they are said to be, (n, 3), ECEF.
+    - `exact_px`, `pixel_px`: where they are imaged, and where they were measured, (n, 2).
+    """
+
+    sensor: Sensor
+    truth: Sensor
+    point_m: Float[Array, "n 3"]
+    surveyed_m: Float[Array, "n 3"]
+    exact_px: Float[Array, "n 2"]
+    pixel_px: Float[Array, "n 2"]
+
+    def observations(self) -> Observations:
+        """What `calibrate` is given, with the names of images left out. Traceable."""
+        time = _START_S + self.pixel_px[:, 1] / LINES_HZ
+        covariance = np.broadcast_to(_ECEF_FROM_ENU * POINT_SIGMA_M**2 @ _ECEF_FROM_ENU.T, (len(_IMAGE), 3, 3))
+        pixel = arrays_of(self.pixel_px).stack([self.pixel_px[:, 0], np.zeros(len(_IMAGE))], axis=-1)
+        shot = Shot(time_s=time, image=_IMAGE, swing=_SWING, strip=_PAIR)
+        return Observations(shot, self.surveyed_m, pixel, _SIGMA_PX, _ROLES == "control", covariance)
 
 
-@functools.cache  # the scan is the same in every flight, and half of the time that building one takes
-def _encoders(hz: float) -> tuple[Encoder, Encoder]:
-    time, start, left = _segments(hz)
-    scan, pitch = Path.scan(time, start, left)
-    return Encoder(time, scan, MAX_GAP_S, "scan"), Encoder(time, pitch, MAX_GAP_S, "pitch")
+_STARTS = np.array([scene[0] for scene in SCENES.values()])
+_IS_RIGHT = np.array([name[0] == "R" for name in SCENES])
+_COUNTS = np.array([scene[1] for scene in SCENES.values()])
+# Of each point: its image, and what that one is.
+_IMAGE = np.repeat(np.arange(len(SCENES)), _COUNTS)
+_START_S, _SWING, _PAIR = _STARTS[_IMAGE], _IS_RIGHT[_IMAGE].astype(int), _IMAGE // 2
+_SIGMA_PX = np.array([scene[3:] for scene in SCENES.values()])[_IMAGE]
+_DRIFTED_RAD = np.array([DRIFT_RAD.get(name, np.zeros(3)) for name in SCENES])[_IMAGE]
+# Control first: strata are shuffled, so the last ones of an image are spread over it.
+_NUMBER = np.concatenate([np.arange(count) for count in _COUNTS])
+_ROLES = np.where(_NUMBER < np.array([count - check for _, count, check, *_ in SCENES.values()])[_IMAGE], "control", "check")
+# East, north and up in the middle of the field; at its ends they are 5e-4 rad off.
+_ECEF_FROM_ENU = ecef_from_ned_matrices(LAT_RAD, LON_RAD) @ np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
 
-def _recorded(path: Path, rng: np.random.Generator, noise: bool) -> Trajectory:
-    """POS as recorded: 200 Hz around each image, with a bias for each pair and jitter for each sample."""
-    time, start, _ = _segments(POS_HZ)
-    lat, lon, height, *attitude = path.navigation(time, start + SWING_S / 2)
-    samples = len(time) // len(SCENES)
-    pairs = len(SCENES) // 2
-    shift = np.repeat(rng.normal(0, POS_BIAS_M, (pairs, 3)), 2 * samples, axis=0) * noise
-    turn = np.repeat(rng.normal(0, 1, (pairs, 3)) * POS_BIAS_RAD, 2 * samples, axis=0) * noise
-    turn = turn + rng.normal(0, 1, (len(time), 3)) * POS_JITTER_RAD * noise
-    # A shift of centimetres: the mean radius is exact enough.
-    lat = lat + shift[:, 0] / SEMI_MAJOR_M
-    lon = lon + shift[:, 1] / (SEMI_MAJOR_M * np.cos(LAT_RAD))
-    roll, pitch, heading = (a + e for a, e in zip(attitude, turn.T, strict=True))
-    return Trajectory.from_geodetic(time, lat, lon, height - shift[:, 2], roll, pitch, heading, max_gap_s=MAX_GAP_S)
+def _shares(key: Array) -> Any:
+    """Numbers from 0 to 1, (4, points): of one shape, since each that is drawn from takes 0.4 s to compile."""
+    return plain(jax.random.uniform(key, (4, len(_IMAGE)), float))
 
 
-def _exposures(rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """For every point: image index, time, sample; one point in each of equal strata of the scan angle."""
-    image, time, sample = [], [], []
-    for i, (start, count, *_) in enumerate(SCENES.values()):
-        # Measured lines scatter by a few pixels: a thousandth of the swing (19 lines) keeps them on the image.
-        share = 0.001 + 0.998 * (rng.permutation(count) + rng.uniform(0, 1, count)) / count
-        image.append(np.full(count, i))
-        time.append(start + share * SWING_S)
-        sample.append(rng.uniform(-0.95, 0.95, count) * HALF_LINE_PX)
-    return np.concatenate(image), np.concatenate(time), np.concatenate(sample)
+def _look_at(key: Array) -> tuple[Any, Any, Any]:
+    """For every point: time, sample, height; one point in each of equal strata of the scan angle."""
+    order, share, sample, height = _shares(key)
+    math = arrays_of(order)
+    # Numbers of strata in the order of random numbers, image by image.
+    stratum = math.argsort(math.argsort(_IMAGE + order)) - (np.cumsum(_COUNTS) - _COUNTS)[_IMAGE]
+    # Measured lines scatter by a few pixels: a thousandth of the swing (19 lines) keeps them on the image.
+    time = _START_S + SWING_S * (0.001 + 0.998 * (stratum + share) / _COUNTS[_IMAGE])
+    return time, 0.95 * HALF_LINE_PX * (2 * sample - 1), GROUND_M + GROUND_SPREAD_M * (2 * height - 1)
+
+
+def draw(
+    key: Array,
+    path: Path | None = None,
+    truth: Truth = TABLE_4,
+    *,
+    noise: bool = True,
+    drift: bool = False,
+    scan_first: bool = True,
+    point_m: Float[Array, "n 3"] | None = None,
+) -> Drawn:
+    """One flight, a pure function of the key, the path, the truth and the points: for `jit`, `vmap` and derivatives.
+
+    The record is the path; where the platform was at each exposure, the errors of `frame_errors` tell: recorded = true @ motion.
+
+    **Arguments:**
+
+    - `key`: of `jax.random`, of everything random.
+    - `path`: drawn by default.
+    - `noise`, `drift`, `truth`, `scan_first`: as of `simulate`.
+    - `point_m`: where the points are; by default where the instrument looks at times and samples that are drawn.
+    """
+    of_path, of_points, of_pos, of_measuring = jax.random.split(key, 4)
+    path = Path.draw(of_path) if path is None else path
+    body, scan, pitch = path.recorded()
+    math = arrays_of((truth, of_path))
+    by_swing = math.where(_SWING[:, None] == 0, truth.left_rad, truth.right_rad) + _DRIFTED_RAD * drift
+    exact = sensor(body, scan, pitch, truth, Mount(angles_rad=by_swing), scan_first)
+    time, sample, height = _look_at(of_points)
+    keys = Shot(swing=_SWING)
+    if noise:
+        motion = draw_errors(frame_errors(), of_pos, Shot(time_s=time, strip=_PAIR))["body"]
+        turn, shift = (math.stack(part, axis=-1) for part in (motion.turn, motion.shift))
+        exact = exact.after("body", "pos_error", Mount(lever_arm_m=-shift, angles_rad=-turn))
+    if looks := point_m is None:
+        pixel = math.stack([sample, np.zeros(len(_IMAGE))], axis=-1)
+        shot = dataclasses.replace(keys, time_s=time)
+        point_m = plain(image_to_ground(exact, shot, pixel, HeightSurface(jnp.asarray(height))).point_m)
+    if not (looks and noise):
+        # Also of points just looked at: rounding of their ECEF coordinates (1e-9 m) then is no measurement error.
+        seen = ground_to_image(exact, keys, point_m, (_START_S, _START_S + SWING_S))
+        time, sample = plain(seen.time_s), plain(seen.pixel_px)[:, 0]
+    exact_px = math.stack([sample, (time - _START_S) * LINES_HZ], axis=-1)
+    white = plain(jax.random.normal(of_measuring, (6, len(_IMAGE)), float)).T * noise  # of the shape that errors compiled
+    surveyed = point_m + white[:, :3] * POINT_SIGMA_M @ _ECEF_FROM_ENU.T
+    recorded = sensor(body, scan, pitch, scan_first=scan_first)
+    return Drawn(recorded, exact, point_m, surveyed, exact_px, exact_px + white[:, 3:5] * _SIGMA_PX)
 
 
 def simulate(seed: int, *, noise: bool = True, drift: bool = False, truth: Truth = TABLE_4, scan_first: bool = True) -> Flight:
@@ -218,88 +310,45 @@ def simulate(seed: int, *, noise: bool = True, drift: bool = False, truth: Truth
 
     - `seed`: of everything random.
     - `noise`: off, the points are imaged exactly through the recorded POS, so that the truth reproduces every measurement to
-      rounding; on, the truth is the smooth path, and POS, points and image measurements carry the scenario's errors.
+      rounding; on, POS, points and image measurements carry the scenario's errors, which the flight states.
     - `drift`: whether the IMU boresight of L3 and R3 has drifted, as in the paper. Their check points then contradict whatever
       is calibrated from L1 and R1 alone.
-    - `truth`: the parameters to be found.
+    - `truth`: the parameters to be found; `draw_truth` draws some.
     - `scan_first`: the order of the two turns, which the paper leaves open: Rx(scan) Ry(pitch), or Ry(pitch) Rx(scan).
 
     **Returns:** a flight whose sensor holds the recorded POS and zero parameters, with the 15 unknowns and their priors.
     """
-    rng = np.random.default_rng(seed)
-    path = Path(rng)
-    image, time, sample = _exposures(rng)
-    height = GROUND_M + rng.uniform(-GROUND_SPREAD_M, GROUND_SPREAD_M, len(time))
-    body = _recorded(path, rng, noise)
-    scan, pitch = _encoders(POS_HZ)
-
-    start = np.array([scene[0] for scene in SCENES.values()])[image]
-    swing = np.array([int(name[0] == "R") for name in SCENES])[image]
-    by_swing = np.where(swing[:, None] == 0, truth.left_rad, truth.right_rad)
-    drifted = np.array([DRIFT_RAD.get(name, np.zeros(3)) for name in SCENES])[image] * drift
-    if noise:
-        # The smooth path itself, one pose for each exposure, and encoders ten times as dense.
-        position, quaternion, _ = ecef_samples(*path.navigation(time, start + SWING_S / 2))
-        true_body, true_encoders = PosePerImage(position, quaternion), _encoders(10 * POS_HZ)
-    else:
-        true_body, true_encoders = body, (scan, pitch)
-    exact = sensor(true_body, *true_encoders, truth, Mount(angles_rad=by_swing + drifted), scan_first)
-    keys = Shot(image=np.arange(len(time)), swing=swing)
-    pixel = np.stack([sample, np.zeros(len(time))], -1)
-    shot = dataclasses.replace(keys, time_s=time)
-    points = np.asarray(image_to_ground(exact, shot, pixel, HeightSurface(jnp.asarray(height))).point_m)
-    if not noise:
-        # Image the points as they are stored: rounding of ECEF coordinates (1e-9 m) then is no measurement error.
-        seen = ground_to_image(exact, keys, points, (start, start + SWING_S))
-        time, sample = np.asarray(seen.time_s), np.asarray(seen.pixel_px[:, 0])
-
-    sigma = np.array([scene[3:] for scene in SCENES.values()])[image]
-    error = rng.normal(0, 1, (len(time), 2)) * sigma * noise
-    lat, lon, _ = ecef_to_geodetic(jnp.asarray(points))
-    to_ecef = np.asarray(enu_rotation(lat, lon))
-    surveyed = points + np.einsum("nij,nj->ni", to_ecef, rng.normal(0, 1, points.shape) * POINT_SIGMA_M) * noise
+    drawn = draw(jax.random.key(seed), truth=truth, noise=noise, drift=drift, scan_first=scan_first)
+    names, lines = list(SCENES), np.array([0.0, LINES_HZ * SWING_S])
     return Flight(
         name=f"haian, seed {seed}" + ("" if noise else ", noise-free"),
-        sensor=sensor(body, scan, pitch, scan_first=scan_first),
+        sensor=drawn.sensor,
         images=[
             Image(
                 name,
-                lines=LineTimes(np.array([0.0, LINES_HZ * SWING_S]), start + np.array([0.0, SWING_S]), name),
-                swing=_swing(name),
+                lines=LineTimes(lines, start + np.array([0.0, SWING_S]), name),
+                swing="left" if name[0] == "L" else "right",
                 strip=f"pair_{name[1]}",
             )
             for name, (start, *_) in SCENES.items()
         ],
-        points=Points(_point_names(image), surveyed, np.broadcast_to(POINT_SIGMA_M, points.shape), _roles()),
+        points=Points(
+            [f"{names[i]}-{k + 1:02d}" for i, k in zip(_IMAGE, _NUMBER, strict=True)],
+            drawn.surveyed_m,
+            np.broadcast_to(POINT_SIGMA_M, drawn.surveyed_m.shape),
+            _ROLES.tolist(),
+        ),
         measurements=Measurements(
-            image=image,
-            point=np.arange(len(time)),
-            line_px=(time - start) * LINES_HZ + error[:, 1],
-            sample_px=sample + error[:, 0],
-            sigma_line_px=sigma[:, 1],
-            sigma_sample_px=sigma[:, 0],
+            image=_IMAGE,
+            point=np.arange(len(_IMAGE)),
+            line_px=drawn.pixel_px[:, 1],
+            sample_px=drawn.pixel_px[:, 0],
+            sigma_line_px=_SIGMA_PX[:, 1],
+            sigma_sample_px=_SIGMA_PX[:, 0],
         ),
         unknowns=unknowns(),
+        errors=frame_errors() if noise else (),
         epoch="2018-10-20T02:00:00Z",
         reference_point="GNSS antenna phase centre",
         notes="Simulated after Jin et al. (2024); see whiskjax.flights.haian.",
     )
-
-
-def _swing(name: str) -> str:
-    return "left" if name[0] == "L" else "right"
-
-
-def _point_names(image: np.ndarray) -> list[str]:
-    names = list(SCENES)
-    count = np.zeros(len(names), dtype=int)
-    out = []
-    for i in image:
-        count[i] += 1
-        out.append(f"{names[i]}-{count[i]:02d}")
-    return out
-
-
-def _roles() -> list[str]:
-    """Control first: strata are shuffled, so the last ones of an image are spread over it."""
-    return [role for _, count, check, *_ in SCENES.values() for role in ["control"] * (count - check) + ["check"] * check]
