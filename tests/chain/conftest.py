@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 
+import jax
 import numpy as np
 import pytest
 from scipy.interpolate import interp1d
@@ -34,8 +35,8 @@ class Swings:
 
 def fly(hz: float, wave: float = 1.0) -> Swings:
     """Left and right swing along the flight's own path and scan, waves `wave` times as high, POS and encoders at `hz`."""
-    path = haian.Path(np.random.default_rng(21))
-    path.wave_rad = wave * path.wave_rad
+    path = haian.Path.draw(jax.random.key(21))
+    path = dataclasses.replace(path, wave_rad=wave * path.wave_rad)
     starts = (0.0, 3.5)
     ticks = np.arange(round(3.2 * hz) + 1) / hz - 0.1
     time = np.concatenate([start + ticks for start in starts])

@@ -48,16 +48,22 @@ def cleansed(flight, scattered):
     return wj.calibrate(flight.sensor, scattered[0], flight.unknowns, blunders=wj.Blunders())
 
 
-def test_exactly_the_wrong_points_are_listed(calibration, scattered, cleansed):
+@pytest.fixture(scope="module")
+def by_chance(flight):
+    """What is rejected of the clean flight: of 130 good points each with a chance of one in a thousand."""
+    return set(wj.calibrate(flight.sensor, flight.observations(), flight.unknowns, blunders=wj.Blunders()).blunders)
+
+
+def test_exactly_the_wrong_points_are_listed(calibration, scattered, cleansed, by_chance):
     """But for those whose error is below what can be detected in their point."""
     observations, wrong, error = scattered
     hidden = wrong[np.linalg.norm(error / calibration.reliability.detectable_px[wrong], axis=1) < 1]
     listed = set(cleansed.blunders)
-    assert listed <= names(observations, wrong)
+    assert listed <= names(observations, wrong) | by_chance
     assert names(observations, wrong) - listed <= names(observations, hidden)
     assert len(hidden) <= 1 and len(listed) >= 12
     assert cleansed.is_sound
-    np.testing.assert_array_equal(~cleansed.used & observations.is_control, np.isin(np.arange(231), wrong))
+    assert names(observations, np.flatnonzero(~cleansed.used & observations.is_control)) == set(cleansed.blunders)
 
 
 def without(observations, wrong):
@@ -66,7 +72,7 @@ def without(observations, wrong):
 
 
 def test_the_solution_is_the_one_without_them(flight, scattered, cleansed):
-    left_out = [i for i in scattered[1] if not cleansed.used[i]]
+    left_out = np.flatnonzero(~cleansed.used & scattered[0].is_control)
     right = wj.calibrate(flight.sensor, without(scattered[0], left_out), flight.unknowns)
     np.testing.assert_allclose((cleansed.value - right.value) / SIGMA, 0, atol=1e-8)
     np.testing.assert_allclose(cleansed.posterior.sigma, right.posterior.sigma, rtol=1e-7)
@@ -85,33 +91,34 @@ def test_the_bound_is_a_chi_square_quantile():
 
 
 def test_of_clean_points_no_more_than_the_level_is_rejected():
-    """Four flights, 520 good points: no more than chance takes once in a thousand times (the POS jitter is not in the sigmas)."""
+    """Four flights, 520 good points, all errors stated: no more than chance takes once in a thousand times."""
     flights = [haian.simulate(seed) for seed in (11, 12, 13, 14)]
     for level in (0.01, 1e-3):
         rule = wj.Blunders(level=level)
-        found = [wj.calibrate(f.sensor, f.observations(), f.unknowns, blunders=rule) for f in flights]
+        found = [wj.calibrate(f.sensor, f.observations(), f.unknowns, errors=f.errors, blunders=rule) for f in flights]
         assert sum(len(answer.blunders) for answer in found) <= scipy.stats.binom(520, level).isf(1e-3)
 
 
 @pytest.mark.parametrize("image", ["L1", "R1"])
-def test_blunders_in_a_cluster_are_found(flight, calibration, image):
+def test_blunders_in_a_cluster_are_found(flight, calibration, by_chance, image):
     """A fifth of one image's points, neighbours in time, all off by the same 70 px: the prediction stays within 15 %."""
     observations = flight.observations()
     there = np.flatnonzero((np.array(observations.images) == image) & observations.is_control)
     wrong = there[np.argsort(np.asarray(observations.shot.time_s)[there])][5:18]
     found = wj.calibrate(flight.sensor, spoil(observations, wrong, [60.0, -40.0]), flight.unknowns, blunders=wj.Blunders())
-    assert set(found.blunders) == names(observations, wrong) and found.is_sound
+    assert names(observations, wrong) <= set(found.blunders) <= names(observations, wrong) | by_chance and found.is_sound
     assert prediction_error_px(flight, found) <= 1.15 * prediction_error_px(flight, calibration)
 
 
-def test_a_large_cluster_is_pointed_at(flight):
+def test_a_large_cluster_is_pointed_at(flight, by_chance):
     """40 % of an image left out: whether they or the others are wrong cannot be told from the data."""
     observations = flight.observations()
     there = np.flatnonzero((np.array(observations.images) == "R1") & observations.is_control)
     wrong = there[np.argsort(np.asarray(observations.shot.time_s)[there])][5:31]
     found = wj.calibrate(flight.sensor, spoil(observations, wrong, [60.0, -40.0]), flight.unknowns, blunders=wj.Blunders())
     said = [w for w in found.warnings if "left out as blunders" in w]
-    assert len(said) == 1 and said[0].startswith("26 of 65 control points of image R1")
+    count = 26 + sum("image R1" in name for name in by_chance - names(observations, wrong))
+    assert len(said) == 1 and said[0].startswith(f"{count} of 65 control points of image R1")
 
 
 def test_too_many_blunders_are_not_sound(flight, scattered, cleansed):

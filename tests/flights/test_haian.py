@@ -1,9 +1,11 @@
 """The simulated whiskbroom against the figures that the paper prints (bands of scenarios.md)."""
 
+import jax
 import numpy as np
 import pytest
 
 import whiskjax as wj
+from whiskjax.chain.samples import ecef_samples
 from whiskjax.flights import haian
 
 # Bands of the seed-to-seed spread before calibration: mean y, mean x, std x of L1 and R1 (px).
@@ -52,21 +54,14 @@ def test_what_the_scenario_says_of_the_flight():
 
 def test_interpolating_200_hz_costs_little():
     """scenarios.md: linear interpolation at 200 Hz leaves at most 0.0044 px."""
-    rng = np.random.default_rng(0)
-    path = haian.Path(rng)
-    start = 0.0
-    t = start + rng.uniform(0, 3, 400)
-    fine = np.arange(-0.1, 3.1, 1 / 200)
-    from whiskjax.chain.samples import ecef_samples
-
+    rng, path = np.random.default_rng(0), haian.Path.draw(jax.random.key(0))
+    t = rng.uniform(0, 3, 400)
     exact = wj.PosePerImage(*ecef_samples(*path.navigation(t, np.full_like(t, 1.5)))[:2])
-    sampled = wj.Trajectory.from_geodetic(fine, *path.navigation(fine, np.full_like(fine, 1.5)), max_gap_s=0.02)
-    scan, pitch = haian._encoders(200.0)
-    dense_scan, dense_pitch = haian._encoders(2000.0)
+    _, *dense = path.recorded(2000.0)
     pixel = np.stack([rng.uniform(-1000, 1000, 400), np.zeros(400)], -1)
     shot = wj.Shot(time_s=t, image=np.arange(400), swing=0)
-    ground = wj.image_to_ground(haian.sensor(exact, dense_scan, dense_pitch), shot, pixel, wj.HeightSurface(10.0)).point_m
-    back = wj.project(haian.sensor(sampled, scan, pitch), shot, ground).pixel_px
+    ground = wj.image_to_ground(haian.sensor(exact, *dense), shot, pixel, wj.HeightSurface(10.0)).point_m
+    back = wj.project(haian.sensor(*path.recorded()), shot, ground).pixel_px
     worst = np.abs(np.asarray(back) - pixel).max()
     assert 1e-5 < worst < 0.0060
 
