@@ -45,7 +45,7 @@ Solve = Callable[[Model, Belief], Any]
 
 def drawn(runs: int, looks: int, seed: int) -> Drawn:
     """Records and pixels, (runs, looks) and (runs, looks, 2)."""
-    return tianshan.draw(tianshan.Scene(looks=looks), runs, seed)
+    return tianshan.draw_runs(tianshan.Scene(looks=looks), runs, seed)
 
 
 def in_chunks(data: Drawn, lanes: int) -> Drawn:

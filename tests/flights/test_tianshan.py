@@ -100,7 +100,7 @@ def test_a_race_turns_back_after_20_km_onto_the_same_line():
 
 def test_errors_have_the_sigmas_of_table_1():
     scene, runs = scene_of("orbit"), 500
-    recorded, pixel = tianshan.draw(scene, runs, 3)
+    recorded, pixel = tianshan.draw_runs(scene, runs, 3)
     true = tianshan.true_records(scene)
     n = runs * scene.looks
     platform = oracles.ecef(*(np.asarray(a) for a in (true.lat_rad, true.lon_rad, true.height_m)))
@@ -124,8 +124,7 @@ def test_errors_have_the_sigmas_of_table_1():
 
 
 def test_constant_errors_are_the_same_at_all_looks_of_a_run():
-    none = tianshan.TABLE_1.scaled(0.0)
-    recorded, pixel = tianshan.draw(scene_of("race"), 200, 4, white=none, constant=tianshan.TABLE_1)
+    recorded, pixel = tianshan.draw_runs(scene_of("race"), 200, 4, tianshan.frame_errors(correlation_s=np.inf), 0.0)
     true = tianshan.true_records(scene_of("race"))
     error = np.asarray(recorded.heading_rad) - np.asarray(true.heading_rad)
     assert np.ptp(error, axis=1).max() < 1e-12
@@ -136,7 +135,7 @@ def test_constant_errors_are_the_same_at_all_looks_of_a_run():
 def test_the_noise_of_frames_is_that_of_table_1():
     """The covariance of pixels over draws, against the sum that the filter uses; 500 draws know a variance to 6 %."""
     scene = scene_of("orbit", looks=3)
-    recorded, _ = tianshan.draw(scene, 500, 9)
+    recorded, _ = tianshan.draw_runs(scene, 500, 9)
     pixel = np.array(
         [[Chain(jax.tree.map(lambda a, r=r: a[r], recorded)).image(k, target_of(scene)) for k in (0, 2)] for r in range(500)]
     )
@@ -151,7 +150,7 @@ def test_the_noise_of_frames_is_that_of_table_1():
 
 
 def test_seeds_differ_and_repeat():
-    a, b, c = (tianshan.draw(scene_of("orbit", looks=4), 2, seed) for seed in (1, 1, 2))
+    a, b, c = (tianshan.draw_runs(scene_of("orbit", looks=4), 2, seed) for seed in (1, 1, 2))
     for x, y, z in zip(*(jax.tree.leaves(d) for d in (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
         assert np.abs(x - z).max() > 0

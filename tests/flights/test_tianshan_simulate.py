@@ -22,10 +22,10 @@ def located(sensor, looks, noise):
     return wj.locate(sensor, looks, surface=wj.HeightSurface(1000.0), sigma_enu_m=np.full(3, 1500.0), errors=noise)
 
 
-def test_is_the_first_run_of_draw(pair):
+def test_is_the_run_of_its_key(pair):
     """Records and readings aligned with the looks are what trajectory and encoders give at their samples."""
     scene, flight, back = pair
-    recorded, pixel = jax.tree.map(lambda v: v[0], tianshan.draw(scene, 1, 4))
+    recorded, pixel = tianshan.draw(jax.random.key(4), scene)
     aligned = wj.Looks(wj.Shot(time_s=tianshan.time_s(scene)), pixel, np.full(2, 2.0))
     expected = located(tianshan.sensor(recorded), aligned, tianshan.frame_errors())
     # 1e-9 m of ECEF rounding in each recorded position, spread by the weak geometry of 12 looks.

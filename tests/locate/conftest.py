@@ -75,7 +75,7 @@ class Run:
 
 def draw(seed, run=0, **scene):
     scene = tianshan.Scene(**scene)
-    recorded, pixel = tianshan.draw(scene, run + 1, seed)
+    recorded, pixel = tianshan.draw_runs(scene, run + 1, seed)
     return Run(scene, jax.tree.map(lambda a: a[run], recorded), np.asarray(pixel[run]))
 
 

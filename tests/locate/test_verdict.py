@@ -99,7 +99,7 @@ RUNS = 400
 
 @pytest.fixture(scope="module")
 def runs(run):
-    recorded, pixel = tianshan.draw(run.scene, RUNS, 11)
+    recorded, pixel = tianshan.draw_runs(run.scene, RUNS, 11)
     noise = tianshan.frame_errors()
 
     def one(recorded, pixel):

@@ -112,7 +112,7 @@ def test_a_trial_of_the_printed_filter_is_the_textbook_s():
     """Started at the paper's first guess; R is that of the pixel alone."""
     scene, runs, seed = scene_at(), 2, 6
     found = trial(scene, runs, seed, guess=tianshan.FIRST_GUESS)
-    recorded, pixel = tianshan.draw(scene, runs, seed)
+    recorded, pixel = tianshan.draw_runs(scene, runs, seed)
     anchor, target = ecef_of(tianshan.FIRST_GUESS), ecef_of(scene.target)
     axes = enu(anchor)
     prior = axes @ np.diag(guess_sigma_enu_m(scene.target) ** 2) @ axes.T
@@ -168,7 +168,7 @@ def test_refraction_lifts_the_target_by_the_ground_shift_over_the_tangent(off_na
 def test_records_in_time_image_as_the_looks_do(late_s):
     """Where POS is stamped late, a delay by as much sets it right."""
     scene = scene_at(path="race")
-    recorded, _ = tianshan.draw(scene, 1, 3)
+    recorded, _ = tianshan.draw_runs(scene, 1, 3)
     recorded = jax.tree.map(lambda a: np.asarray(a[0]), recorded)
     shot = wj.Shot(time_s=tianshan.time_s(scene))
     points = np.tile(ecef_of(scene.target), (LOOKS, 1))

@@ -1,4 +1,4 @@
-"""Target location over the Tianshan: seeded simulations of Liu et al. (2019).
+"""Target location over the Tianshan: simulations of Liu et al. (2019).
 
 Liu et al. (2019), Target location based on stereo imaging of airborne electro-optical camera, Acta Optica Sinica 39(11), 1112003.
 A gimballed camera looks at one target many times; every look has recorded navigation and gimbal angles with errors of their own.
@@ -6,6 +6,7 @@ What the paper leaves out (focal length, path, spacing of looks) is chosen so th
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,12 +17,15 @@ from jaxtyping import Array, Float
 
 from ..chain.camera import FrameCamera
 from ..chain.mounts import Axes
+from ..chain.pose import Motion
 from ..chain.records import Records
 from ..chain.sensor import Sensor
+from ..chain.shot import Shot
 from ..chain.trajectory import Trajectory
 from ..chain.turn import Encoder, Readings, Turn
 from ..earth.ellipsoid import ECCENTRICITY2, SEMI_MAJOR_M, geodetic_to_ecef
-from ..estimate.errors import FrameErrors
+from ..estimate.errors import AXES, FrameErrors, draw_errors
+from ..rules import WhiskjaxError, arrays_of, plain
 from .flight import Flight, Image, Measurements, Points
 
 FOCAL_PX = 1e5  # 10 urad a pixel
@@ -30,6 +34,7 @@ LEG_M = 20_000.0
 _GAP = 1.2  # a longer interval between records than this many usual ones is a gap
 AZIMUTH_RAD = np.radians(-44.0)  # of the first line of sight; on a straight path of that at broadside
 PIXEL_SIGMA_PX = 2.0
+_OFF_NADIR_RAD = np.radians(45.0)
 
 
 class Place(NamedTuple):
@@ -77,14 +82,16 @@ class Scene:
       right, "fly" straight and centred on broadside.
     - `off_nadir_rad`: at the platform; on straight paths at broadside.
     - `height_m`: of the platform, ellipsoidal.
+
+    Angle and height may be traced, and the spacing, but of a race: so many looks make a leg.
     """
 
     path: str = "orbit"
     looks: int = 40
-    off_nadir_rad: float = np.radians(45.0)
-    height_m: float = 10_000.0
+    off_nadir_rad: Any = _OFF_NADIR_RAD
+    height_m: Any = 10_000.0
     target: Place = TARGET
-    spacing_m: float = SPACING_M
+    spacing_m: Any = SPACING_M
 
 
 STANDARD = Scene()
@@ -117,12 +124,13 @@ def sensor(recorded: Recorded) -> Sensor:
     )
 
 
-def frame_errors(errors: Errors = TABLE_1) -> tuple[FrameErrors, ...]:
-    """The errors of the records, new at every look; the platform is level, so yaw turns about the body's z axis."""
+def frame_errors(errors: Errors = TABLE_1, correlation_s: float = 0.0) -> tuple[FrameErrors, ...]:
+    """The errors of the records, new at every look, or constant where `correlation_s` is infinite; the platform is level, so yaw
+    turns about the body's z axis."""
     return (
-        FrameErrors("body", (errors.roll_rad, errors.pitch_rad, errors.yaw_rad), errors.position_m),
-        FrameErrors("gimbal_roll", (errors.gimbal_roll_rad, 0, 0)),
-        FrameErrors("gimbal_pitch", (0, errors.gimbal_pitch_rad, 0)),
+        FrameErrors("body", (errors.roll_rad, errors.pitch_rad, errors.yaw_rad), errors.position_m, correlation_s),
+        FrameErrors("gimbal_roll", (errors.gimbal_roll_rad, 0, 0), correlation_s=correlation_s),
+        FrameErrors("gimbal_pitch", (0, errors.gimbal_pitch_rad, 0), correlation_s=correlation_s),
     )
 
 
@@ -133,23 +141,26 @@ def time_s(scene: Scene) -> Float[np.ndarray, " looks"]:
 
 def curvature_radii(lat_rad: Any) -> tuple[Any, Any]:
     """Meridian and prime-vertical radius of curvature in metres."""
-    root = np.sqrt(1 - ECCENTRICITY2 * np.sin(lat_rad) ** 2)
+    xp = arrays_of(lat_rad)
+    root = xp.sqrt(1 - ECCENTRICITY2 * xp.sin(lat_rad) ** 2)
     return SEMI_MAJOR_M * (1 - ECCENTRICITY2) / root**3, SEMI_MAJOR_M / root
 
 
-def _way(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _way(scene: Scene) -> tuple[Any, Any, Any]:
     """Platform on a sphere around the target: north and east of it along the ground in radians of arc, and heading."""
-    lat = np.radians(scene.target.lat_deg)
-    radius = np.sqrt(np.prod(curvature_radii(lat)))
+    xp = arrays_of((scene.off_nadir_rad, scene.height_m, scene.spacing_m))
+    radius = np.sqrt(np.prod(curvature_radii(np.radians(scene.target.lat_deg))))
     platform, target = radius + scene.height_m, radius + scene.target.height_m
-    away = np.arcsin(platform / target * np.sin(scene.off_nadir_rad)) - scene.off_nadir_rad
+    away = xp.arcsin(platform / target * xp.sin(scene.off_nadir_rad)) - scene.off_nadir_rad
     step = scene.spacing_m / platform
     k = np.arange(scene.looks)
     if scene.path == "orbit":
-        sight = AZIMUTH_RAD + k * step / np.sin(away)  # clockwise around the target, which stays on the right
-        return -away * np.cos(sight), -away * np.sin(sight), sight - np.pi / 2
-    leg = round(LEG_M / scene.spacing_m)
-    along = {"race": leg - np.abs(k % (2 * leg) - leg) - leg / 2, "fly": k - (scene.looks - 1) / 2}[scene.path] * step
+        sight = AZIMUTH_RAD + k * step / xp.sin(away)  # clockwise around the target, which stays on the right
+        return -away * xp.cos(sight), -away * xp.sin(sight), sight - np.pi / 2
+    along = step * (k - (scene.looks - 1) / 2)
+    if scene.path == "race":
+        leg = round(LEG_M / float(scene.spacing_m))  # looks
+        along = step * (leg / 2 - np.abs(k % (2 * leg) - leg))
     course = AZIMUTH_RAD - np.pi / 2
     north = -away * np.cos(AZIMUTH_RAD) + along * np.cos(course)
     east = -away * np.sin(AZIMUTH_RAD) + along * np.sin(course)
@@ -160,59 +171,79 @@ def true_records(scene: Scene) -> Recorded:
     """What error-free instruments would record: level platform, gimbal on the target; each (looks,)."""
     lat_t, lon_t = np.radians(scene.target.lat_deg), np.radians(scene.target.lon_deg)
     north, east, heading = _way(scene)
-    arc, bearing = np.hypot(north, east), np.arctan2(east, north)
-    lat = np.arcsin(np.sin(lat_t) * np.cos(arc) + np.cos(lat_t) * np.sin(arc) * np.cos(bearing))
-    lon = lon_t + np.arctan2(np.sin(bearing) * np.sin(arc) * np.cos(lat_t), np.cos(arc) - np.sin(lat_t) * np.sin(lat))
-    sight = _ecef(lat_t, lon_t, scene.target.height_m)[:, None] - _ecef(lat, lon, scene.height_m)
-    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    xp = arrays_of((north, east))
+    arc, bearing = xp.hypot(north, east), xp.arctan2(east, north)
+    lat = xp.arcsin(np.sin(lat_t) * xp.cos(arc) + np.cos(lat_t) * xp.sin(arc) * xp.cos(bearing))
+    lon = lon_t + xp.arctan2(xp.sin(bearing) * xp.sin(arc) * np.cos(lat_t), xp.cos(arc) - np.sin(lat_t) * xp.sin(lat))
+    target, platform = _ecef(lat_t, lon_t, scene.target.height_m), _ecef(lat, lon, scene.height_m)
+    sight = [t - p for t, p in zip(target, platform, strict=True)]
+    s, c, sl, cl = xp.sin(lat), xp.cos(lat), xp.sin(lon), xp.cos(lon)
     outward = cl * sight[0] + sl * sight[1]
     n, e, d = c * sight[2] - s * outward, cl * sight[1] - sl * sight[0], -c * outward - s * sight[2]
-    x, y = np.cos(heading) * n + np.sin(heading) * e, np.cos(heading) * e - np.sin(heading) * n
-    zero, one = np.zeros(scene.looks), np.ones(scene.looks)
-    gimbal = np.arctan2(-y, d), np.arctan2(x, np.hypot(y, d))
-    return Recorded(*map(jnp.asarray, (lat, lon, scene.height_m * one, zero, zero, heading, *gimbal)))
+    sh, ch = xp.sin(heading), xp.cos(heading)
+    x, y = ch * n + sh * e, ch * e - sh * n
+    zero, gimbal = np.zeros(scene.looks), (xp.arctan2(-y, d), xp.arctan2(x, xp.hypot(y, d)))
+    return Recorded(*map(jnp.asarray, (lat, lon, scene.height_m + zero, zero, zero, heading, *gimbal)))
 
 
-def _ecef(lat_rad: np.ndarray, lon_rad: np.ndarray, height_m: float) -> np.ndarray:
-    normal = curvature_radii(lat_rad)[1]
-    r = (normal + height_m) * np.cos(lat_rad)
-    return np.stack([r * np.cos(lon_rad), r * np.sin(lon_rad), (normal * (1 - ECCENTRICITY2) + height_m) * np.sin(lat_rad)])
+def _ecef(lat_rad: Any, lon_rad: Any, height_m: Any) -> tuple[Any, Any, Any]:
+    xp, normal = arrays_of((lat_rad, lon_rad)), curvature_radii(lat_rad)[1]
+    r = (normal + height_m) * xp.cos(lat_rad)
+    return r * xp.cos(lon_rad), r * xp.sin(lon_rad), (normal * (1 - ECCENTRICITY2) + height_m) * xp.sin(lat_rad)
 
 
 def draw(
-    scene: Scene, runs: int, seed: int, white: Errors = TABLE_1, constant: Errors | None = None
-) -> tuple[Recorded, Float[Array, "runs looks 2"]]:
-    """Records and pixels of many runs: recorded = true + error, measured = imaged by the truth + noise.
+    key: Array, scene: Scene = STANDARD, errors: Sequence[FrameErrors] = frame_errors(), sigma_px: Any = PIXEL_SIGMA_PX
+) -> tuple[Recorded, Float[Array, "looks 2"]]:
+    """Records and pixels of one run, a pure function for `jit`, `vmap` and derivatives.
 
-    The truth keeps the target in the principal point, so the pixel is its noise alone.
+    Recorded = true @ error, measured = imaged by the truth + noise. The truth keeps the target in the principal point, so the
+    pixel is its noise alone.
 
-    **Arguments:** `white`: errors that every look draws anew; `constant`: errors that a run draws once and keeps.
+    **Arguments:** `key`: of `jax.random`; `errors`: of the frames body, gimbal_roll and gimbal_pitch; `sigma_px`: of the pixels.
 
-    **Returns:** the records, each (runs, looks), and the pixels.
+    **Returns:** the records, each (looks,), and the pixels.
     """
-    rng = np.random.default_rng(seed)
-    true = true_records(scene)
-    shape = runs, scene.looks
+    return _draw(key, true_records(scene), time_s(scene), tuple(errors), sigma_px)
 
-    def errors(sigma: float, kept: float) -> np.ndarray:
-        return rng.normal(0, 1, shape) * sigma + rng.normal(0, 1, (runs, 1)) * kept
 
-    once = constant or TABLE_1.scaled(0.0)
-    north, east, down = (errors(s, k) for s, k in zip(white.position_m, once.position_m, strict=True))
-    yaw, pitch, roll, gimbal_roll, gimbal_pitch = (errors(s, k) for s, k in zip(white[1:6], once[1:6], strict=True))
-    meridian, prime_vertical = curvature_radii(np.asarray(true.lat_rad))
-    lat, lon, height, roll0, pitch0, heading, beta, alpha = (np.broadcast_to(a, shape) for a in dataclasses.astuple(true))
-    recorded = (
-        lat + north / (meridian + height),
-        lon + east / ((prime_vertical + height) * np.cos(lat)),
-        height - down,
-        roll0 + roll,
-        pitch0 + pitch,
-        heading + yaw,
-        beta + gimbal_roll,
-        alpha + gimbal_pitch,
+def draw_runs(
+    scene: Scene, runs: int, seed: int, errors: Sequence[FrameErrors] = frame_errors(), sigma_px: Any = PIXEL_SIGMA_PX
+) -> tuple[Recorded, Float[Array, "runs looks 2"]]:
+    """`draw` for as many keys, split from the seed: records (runs, looks) and pixels (runs, looks, 2)."""
+    keys = jax.random.split(jax.random.key(seed), runs)
+    return _draw_each(keys, true_records(scene), time_s(scene), tuple(errors), jnp.asarray(sigma_px, dtype=float))
+
+
+def _draw(
+    key: Array, true: Recorded, stamp_s: Any, errors: tuple[FrameErrors, ...], sigma_px: Any
+) -> tuple[Recorded, Float[Array, "looks 2"]]:
+    for one in errors:
+        read = {"body": range(6), "gimbal_roll": (0,), "gimbal_pitch": (1,)}.get(one.frame, ())
+        if not set(one.acting) <= set(read):
+            raise WhiskjaxError(f"tianshan: of {one.frame} no record holds {', '.join(AXES[k] for k in one.acting)}")
+    of_frames, of_pixels = jax.random.split(key)
+    motion = draw_errors(errors, of_frames, Shot(time_s=stamp_s))
+    body, roll, pitch = (motion.get(frame, Motion()) for frame in ("body", "gimbal_roll", "gimbal_pitch"))
+    (x, y, down), t = body.shift, jax.tree.map(plain, true)
+    xp = arrays_of((t, motion))
+    s, c = xp.sin(t.heading_rad), xp.cos(t.heading_rad)
+    meridian, prime_vertical = curvature_radii(t.lat_rad)
+    recorded = Recorded(
+        t.lat_rad + (c * x - s * y) / (meridian + t.height_m),
+        t.lon_rad + (s * x + c * y) / ((prime_vertical + t.height_m) * xp.cos(t.lat_rad)),
+        t.height_m - down,
+        t.roll_rad + body.turn[0],
+        t.pitch_rad + body.turn[1],
+        t.heading_rad + body.turn[2],
+        t.gimbal_roll_rad + roll.turn[0],
+        t.gimbal_pitch_rad + pitch.turn[1],
     )
-    return Recorded(*map(jnp.asarray, recorded)), jnp.asarray(rng.normal(0, white.pixel_px, (*shape, 2)))
+    white = plain(jax.random.normal(of_pixels, (6, len(stamp_s)), float))  # of the shape that errors compiled
+    return recorded, sigma_px * white[:2].T
+
+
+_draw_each = eqx.filter_jit(eqx.filter_vmap(_draw, in_axes=(0, None, None, None, None)))
 
 
 def in_time(recorded: Recorded, stamp_s: Float[np.ndarray, " looks"], late_s: float = 0.0) -> Sensor:
@@ -239,12 +270,12 @@ def in_time(recorded: Recorded, stamp_s: Float[np.ndarray, " looks"], late_s: fl
 def simulate(seed: int, scene: Scene = STANDARD) -> Flight:
     """One run of looks with the errors of Table 1, as a flight that can be written and read.
 
-    **Arguments:** `seed`: of `draw`, whose first run this is; `scene`: at least two looks.
+    **Arguments:** `seed`: of the key of `draw`; `scene`: at least two looks.
 
     **Returns:** a frame image for each look, and the check point "target", which all of them saw. Records and readings are
     samples at the times of the looks; how they err the flight says.
     """
-    recorded, pixel = jax.tree.map(lambda value: np.asarray(value[0]), draw(scene, 1, seed))
+    recorded, pixel = draw(jax.random.key(seed), scene)
     time = time_s(scene)
     lat_deg, lon_deg, height_m = scene.target
     position = np.asarray(geodetic_to_ecef(np.radians(lat_deg), np.radians(lon_deg), height_m))

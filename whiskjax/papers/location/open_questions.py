@@ -22,7 +22,7 @@ from ...estimate.consistency import nees
 from ...estimate.many import calibrate_redrawn
 from ...estimate.observations import Observations
 from ...estimate.unknown import Unknown, assign
-from ...flights.tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw, frame_errors, in_time, sensor, time_s, true_records
+from ...flights.tianshan import PIXEL_SIGMA_PX, Recorded, Scene, draw_runs, frame_errors, in_time, sensor, time_s, true_records
 from ...locate.guess import Guess
 from ...locate.locate import locate
 from ...locate.looks import Looks
@@ -91,7 +91,7 @@ def handed_on(runs: int, seed: int) -> HandedOn:
     calibration = calibrate(mounted, seen, unknowns)
     value = calibrate_redrawn(mounted, seen, unknowns, measured).value
 
-    recorded, pixel = draw(scene, runs, seed)
+    recorded, pixel = draw_runs(scene, runs, seed)
     # The boresight turns the image: the pixels of the target are those that the true one gives, plus the noise drawn.
     target, ecef_from_enu = point_of(scene.target), to_enu(scene.target)
     looks = Shot(time_s=time_s(scene))
@@ -152,7 +152,7 @@ def time_offset(runs: int, seed: int) -> Offset:
     """Locate from POS whose stamps are later than those of camera and gimbal by a time known to 50 ms (1-sigma) only."""
     # To and fro: along an orbit a shift in time changes nothing. One look more at either end keeps all inside the record.
     scene = Scene("race", looks=82)
-    recorded, pixel = draw(scene, runs, seed)
+    recorded, pixel = draw_runs(scene, runs, seed)
     rng = np.random.default_rng([seed, 4])
     late = rng.normal(0, _OFFSET_SIGMA_S, runs)
     target, ecef_from_enu = point_of(scene.target), to_enu(scene.target)

@@ -29,7 +29,7 @@ from ...flights.tianshan import (
     Recorded,
     Scene,
     curvature_radii,
-    draw,
+    draw_runs,
     frame_errors,
     sensor,
     time_s,
@@ -140,7 +140,8 @@ def trial(
     **Arguments:** `guess`: where the filter starts: a place, the height in metres of the surface that the first look is
     intersected with, or None: drawn from P0 around the truth, anew for each run.
     """
-    recorded, pixel = draw(scene, runs, seed, white, constant)
+    kept = () if constant is None else frame_errors(constant, np.inf)
+    recorded, pixel = draw_runs(scene, runs, seed, (*frame_errors(white), *kept), white.pixel_px)
     target, ecef_from_enu = point_of(scene.target), to_enu(scene.target)
     sigma = guess_sigma_enu_m(scene.target)
     rng = np.random.default_rng([seed, 1])
@@ -230,7 +231,7 @@ def _located(
 def single_look(scene: Scene, runs: int, seed: int, height_sigma_m: float) -> Float[np.ndarray, "runs 3"]:
     """Errors east, north, up of one look onto a surface whose height is known to `height_sigma_m` only: the ellipsoid model."""
     scene = dataclasses.replace(scene, looks=1)
-    recorded, pixel = draw(scene, runs, seed)
+    recorded, pixel = draw_runs(scene, runs, seed)
     height = scene.target.height_m + np.random.default_rng([seed, 2]).normal(0, height_sigma_m, runs)
     ground = image_to_ground(sensor(recorded), Shot(time_s=np.zeros(1)), pixel, HeightSurface(jnp.asarray(height)[:, None]))
     return (np.asarray(ground.point_m)[:, 0] - point_of(scene.target)) @ to_enu(scene.target)
