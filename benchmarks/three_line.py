@@ -81,7 +81,7 @@ def posed(ties: int) -> Posed:
 
 def pose(scene: songshan.Scene) -> Posed:
     """Seed 0 of a scene."""
-    drawn = songshan.draw(scene, 0)
+    drawn = songshan.simulate_block(scene, 0)
     sensor, start_m = begin(drawn.sensor, drawn.block, at_stations("block", songshan.frame_errors(scene), drawn.sensor))
     return Posed(scene, sensor, drawn.block, start_m)
 

@@ -31,7 +31,7 @@ def test_rays_carry_strips_where_no_link_asks(strips):
     of_image = [strips.images[i].strip for i in strips.measurements.image]
     assert [strips.strips[i] for i in block.key("strip")] == of_image
     np.testing.assert_array_equal(
-        block.key("strip"), songshan.draw(songshan.Scene("B", ties=20, pos_hz=20.0), 1).block.key("strip")
+        block.key("strip"), songshan.simulate_block(songshan.Scene("B", ties=20, pos_hz=20.0), 1).block.key("strip")
     )
 
 

@@ -18,12 +18,12 @@ SCENE = songshan.Scene("B", ties=100, pos_hz=20.0)
 
 @pytest.fixture(scope="module")
 def drawn():
-    return songshan.draw(SCENE, 2)
+    return songshan.simulate_block(SCENE, 2)
 
 
 @pytest.fixture(scope="module")
 def matching():
-    return songshan.draw(dataclasses.replace(SCENE, truth="matching"), 2)
+    return songshan.simulate_block(dataclasses.replace(SCENE, truth="matching"), 2)
 
 
 def test_a_truth_is_rough_or_matching():
@@ -60,7 +60,7 @@ def test_rays_of_a_matching_truth_are_those_of_its_corrections(matching):
 
 
 def test_the_same_seed_draws_the_same_matching_truth(matching):
-    again = songshan.draw(dataclasses.replace(SCENE, truth="matching"), 2)
+    again = songshan.simulate_block(dataclasses.replace(SCENE, truth="matching"), 2)
     np.testing.assert_array_equal(again.block.pixel_px, matching.block.pixel_px)
 
 

@@ -180,7 +180,7 @@ class Path(eqx.Module):
         height, way = GROUND_M + self.above_ground_m, self.speed_mps * (t - middle_s)
         lat = LAT_RAD + way * math.cos(self.heading_rad) / (meridian + height)
         lon = LON_RAD + way * math.sin(self.heading_rad) / ((prime_vertical + height) * np.cos(LAT_RAD))
-        angle = 2 * np.pi * t[:, None] / self.period_s[:, None, :] + self.phase_rad[:, None, :]
+        angle = 2 * np.pi * t[None, :, None] / self.period_s[:, None, :] + self.phase_rad[:, None, :]
         wave = (self.wave_rad[:, None, :] * math.sin(angle)).sum(axis=-1)
         return lat, lon, height + 0 * t, wave[0], PITCH_RAD + wave[1], self.heading_rad + wave[2]
 
@@ -249,9 +249,9 @@ def _look_at(key: Array) -> tuple[Any, Any, Any]:
     order, share, sample, height = _shares(key)
     math = arrays_of(order)
     # Numbers of strata in the order of random numbers, image by image.
-    stratum = math.argsort(math.argsort(_IMAGE + order)) - (np.cumsum(_COUNTS) - _COUNTS)[_IMAGE]
+    stratum = math.argsort(math.argsort(_IMAGE.astype(float) + order)) - (np.cumsum(_COUNTS) - _COUNTS)[_IMAGE]
     # Measured lines scatter by a few pixels: a thousandth of the swing (19 lines) keeps them on the image.
-    time = _START_S + SWING_S * (0.001 + 0.998 * (stratum + share) / _COUNTS[_IMAGE])
+    time = _START_S + SWING_S * (0.001 + 0.998 * (stratum.astype(float) + share) / _COUNTS[_IMAGE].astype(float))
     return time, 0.95 * HALF_LINE_PX * (2 * sample - 1), GROUND_M + GROUND_SPREAD_M * (2 * height - 1)
 
 
@@ -297,8 +297,8 @@ def draw(
         seen = ground_to_image(exact, keys, point_m, (_START_S, _START_S + SWING_S))
         time, sample = plain(seen.time_s), plain(seen.pixel_px)[:, 0]
     exact_px = math.stack([sample, (time - _START_S) * LINES_HZ], axis=-1)
-    white = plain(jax.random.normal(of_measuring, (6, len(_IMAGE)), float)).T * noise  # of the shape that errors compiled
-    surveyed = point_m + white[:, :3] * POINT_SIGMA_M @ _ECEF_FROM_ENU.T
+    white = plain(jax.random.normal(of_measuring, (6, len(_IMAGE)), float)).T * float(noise)  # of the shape that errors compiled
+    surveyed = point_m + white[:, :3] @ (np.diag(POINT_SIGMA_M) @ _ECEF_FROM_ENU.T)
     recorded = sensor(body, scan, pitch, scan_first=scan_first)
     return Drawn(recorded, exact, point_m, surveyed, exact_px, exact_px + white[:, 3:5] * _SIGMA_PX)
 

@@ -1,4 +1,4 @@
-"""The three-line camera over Songshan: a seeded simulation of Wang et al. (2018).
+"""The three-line camera over Songshan: a simulation of Wang et al. (2018).
 
 Wang et al. (2018), Investigation on GNSS lever arms and IMU boresight misalignment calibration of domestic airborne wide-field
 three CCD camera, Acta Geodaetica et Cartographica Sinica 47(11), 1474-1486. Data set A has two pairs of crossing reciprocal
@@ -10,12 +10,14 @@ three lines; samples count to the left.
 """
 
 import dataclasses
+import functools
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from ..chain.by import By
 from ..chain.correction import Correction, Drift, OrientationImages, Spline
@@ -27,39 +29,43 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.trajectory import Trajectory
 from ..estimate.block.block import Block
-from ..estimate.block.station_errors import at_stations
-from ..estimate.errors import FrameErrors
+from ..estimate.block.station_errors import dense
+from ..estimate.errors import FrameErrors, draw_errors
 from ..estimate.unknown import Unknown
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, arrays_of, plain
 from ..rules.results import is_successful
 from .flight import Flight, Image, Measurements, Points, World
 from .songshan_draw import (
     ATTITUDE_CORRELATION_S,
     ATTITUDE_SIGMA_RAD,
-    BORESIGHT_RAD,
     CENTRE_PX,
     DATA,
     FOCAL_PX,
-    LEVER_ARM_M,
     LINE_PX,
     NOISE,
     POS_CORRELATION_S,
     POS_SIGMA_M,
     SPEED_MPS,
     STRIP_S,
+    TABLE_3,
+    VIBRATION_RAD,
+    VIBRATION_S,
     VIEW_RAD,
     DataSet,
+    Path,
+    Truth,
+    before,
     detector,
-    fly,
     mounts,
+    sample_s,
     start_s,
     terrain_m,
-    true_sensor,
 )
 
 VIEWS = tuple(VIEW_RAD)
 LINE_S = 0.077 / SPEED_MPS
 FIELD_M = 4_000.0  # half of the field's side
+TRIED = 600  # places of which the points are chosen
 ORIGIN = (34.45, 113.05, 0.0)
 POINT_SIGMA_M = np.array([0.002, 0.002, 0.010])
 LEVER_SIGMA_M, BORESIGHT_SIGMA_RAD, DEFORMATION_SIGMA_PX = 1.0, math.radians(1.0), 100.0
@@ -104,9 +110,33 @@ class Scene:
         """The data set."""
         return DATA[self.name]
 
+    @property
+    def tie_points(self) -> int:
+        """How many."""
+        return self.data.ties if self.ties is None else self.ties
+
 
 class Drawn(NamedTuple):
-    """One simulated flight: what was measured, the sensor as recorded, the sensor that made the images, and true points.
+    """One flight over many places, all of whose rays are told whether anybody sees them or not; pixels are (sample, line).
+
+    - `sensor`: as recorded, with the mounts and detectors of the laboratory; `truth`: that made the images.
+    - `point_m`, `surveyed_m`: where the points are, and where they are said to be, (points, 3), world frame.
+    - `exact_px`, `pixel_px`: where they are imaged, and where they were measured, (points, strips, views, 2); a line is one
+      period of the detector since the strip began. NaN where a point is not seen.
+    - `is_seen`: whether all views of a strip see the point, (points, strips).
+    """
+
+    sensor: Sensor
+    truth: Sensor
+    point_m: Float[Array, "points 3"]
+    surveyed_m: Float[Array, "points 3"]
+    exact_px: Float[Array, "points strips views 2"]
+    pixel_px: Float[Array, "points strips views 2"]
+    is_seen: Bool[Array, "points strips"]
+
+
+class Simulated(NamedTuple):
+    """One simulated block: what was measured, the sensor as recorded, the sensor that made the images, and true points.
 
     `truth["body"]` is where the platform was, at any time of the strips (of a "matching" scene: with its `pos_error`); the true
     points, in the order of the block, are (points, 3), world frame, metres.
@@ -118,14 +148,18 @@ class Drawn(NamedTuple):
     point_m: Float[np.ndarray, "points 3"]
 
 
+def corrections(scene: Scene) -> Spline | OrientationImages:
+    """The nodes of the corrections of POS."""
+    starts, intervals = start_s(len(scene.data.strips)), max(3, math.ceil(STRIP_S / scene.spacing_s))
+    if scene.basis == "spline":  # it reaches from the second node to the last but one
+        return Spline(starts - scene.spacing_s, scene.spacing_s, (intervals + 3,) * len(starts))
+    return OrientationImages(starts, scene.spacing_s, (intervals + 1,) * len(starts))
+
+
 def sensor(scene: Scene, body: Trajectory) -> Sensor:
     """The camera as the laboratory knows it behind recorded POS: no lever arm, boresight or deformation, zero corrections."""
     starts, strips = start_s(len(scene.data.strips)), scene.data.strips
-    intervals = max(3, math.ceil(STRIP_S / scene.spacing_s))
-    if scene.basis == "spline":  # it reaches from the second node to the last but one
-        basis = Spline(starts - scene.spacing_s, scene.spacing_s, (intervals + 3,) * len(starts))
-    else:
-        basis = OrientationImages(starts, scene.spacing_s, (intervals + 1,) * len(starts))
+    basis = corrections(scene)
     zero = jnp.zeros((basis.size, 3))
     links: dict[str, AbstractLink] = {"body": body, "pos_error": Correction(basis, zero, zero)}
     if scene.drift:
@@ -178,83 +212,134 @@ def frame_errors(scene: Scene, white: bool = False, scale: float = 1.0) -> tuple
     return (FrameErrors("pos_error", turn, shift, correlation, anew="strip"),)
 
 
-def draw(scene: Scene, seed: int) -> Drawn:
-    """One flight over the field, with all of its rays.
+def all_errors(scene: Scene) -> tuple[FrameErrors, ...]:
+    """All that recorded poses err by: where they are "rough", vibration that POS does not see beside the errors of POS."""
+    if scene.truth == "matching":
+        return frame_errors(scene)
+    vibration = (NOISE[scene.noise].vibration * VIBRATION_RAD,) * 3
+    return *frame_errors(scene), FrameErrors("pos_error", vibration, correlation_s=VIBRATION_S, anew="strip")
 
-    A point has three rays in each strip in whose swath it lies in all three views. The line is measured like the sample: its
-    error of n lines moves the time of the shot by n line periods, and the line offset of the pixel is exactly zero. Nothing is
-    hidden behind a mountain.
 
-    **Arguments:** `seed`: of everything random; the same seed gives the same path, POS and points for any number of ties.
+def draw_truth(key: Array) -> Truth:
+    """Lever arm and boresight drawn from their priors. Traceable."""
+    white = plain(jax.random.normal(key, (2, 3), float))
+    return Truth(LEVER_SIGMA_M * white[0], BORESIGHT_SIGMA_RAD * white[1])
+
+
+def draw(
+    key: Array,
+    scene: Scene = Scene(),
+    path: Path | None = None,
+    truth: Truth = TABLE_3,
+    point_m: Float[Array, "points 3"] | None = None,
+) -> Drawn:
+    """One flight over the field with all of its rays, a pure function for `jit`, `vmap` and derivatives.
+
+    The record is the path; where the platform was, `all_errors` tell: recorded = true @ motion. The line is measured like the
+    sample. Nothing is hidden behind a mountain.
+
+    **Arguments:**
+
+    - `key`: of `jax.random`, of everything random; path and POS errors, and each point and its rays are the same however many
+      points there are.
+    - `path`: drawn by default.
+    - `point_m`: where the points are; drawn by default, more than are needed, since some lie in no strip, and few in several.
+      The first 600 are measured as points, the others as ties.
     """
-    data, noise = scene.data, NOISE[scene.noise]
-    ties = data.ties if scene.ties is None else scene.ties
-    path, surveyed, field, tie_field, point_rays, tie_rays, roles = np.random.default_rng(seed).spawn(7)
-    true, recorded = fly(path, data.strips, scene.pos_hz, noise.vibration)
-    truth = true_sensor(true) if scene.truth == "rough" else _matching(scene, recorded, path)
-    # More places than are needed: some lie in no strip, and few in several.
-    tried = (field, 600), (tie_field, 2 * ties + 100)
-    place = np.concatenate([rng.uniform(-FIELD_M, FIELD_M, (n, 2)) for rng, n in tried])
-    ground = np.column_stack([place, terrain_m(*place.T)])
-    sample, time, seen = _images(truth, ground, len(data.strips))
+    of_path, of_pos, of_points = jax.random.split(key, 3)
+    strips, noise = len(scene.data.strips), NOISE[scene.noise]
+    recorded = (Path.draw(of_path) if path is None else path).recorded(scene.data.strips, scene.pos_hz)
+    exact = _true_sensor(scene, recorded, truth, of_pos)
+    count = TRIED + 2 * scene.tie_points + 100 if point_m is None else len(point_m)
+    white = plain(_each(of_points, count, 5 + 2 * strips * len(VIEWS)))
+    if point_m is None:
+        place = FIELD_M * (2 * plain(jax.scipy.special.ndtr(white[:, :2])) - 1).T  # even over the field
+        point_m = arrays_of(place).stack([*place, terrain_m(*place)], axis=-1)
+    start = np.broadcast_to(start_s(strips)[None, :, None], (1, strips, len(VIEWS)))
+    shot = Shot(view=np.arange(len(VIEWS))[None, None])
+    found = ground_to_image(exact, shot, point_m[:, None, None], (start, start + STRIP_S), throw=False)
+    line = (plain(found.time_s) - start) / LINE_S
+    exact_px = arrays_of(line).stack([plain(found.pixel_px)[..., 0], line], axis=-1)
+    sigma_px = np.where(np.arange(count) < TRIED, noise.point_px, noise.tie_px)[:, None, None, None]
+    return Drawn(
+        sensor(scene, recorded),
+        exact,
+        point_m,
+        point_m + white[:, 2:5] @ np.diag(POINT_SIGMA_M),
+        exact_px,
+        exact_px + sigma_px * white[:, 5:].reshape(*line.shape, 2),
+        plain(is_successful(found.result)).all(axis=-1),
+    )
 
-    count = seen.sum(axis=1)
-    one, several = (np.flatnonzero(which[:600]) for which in (count == 1, count > 1))
+
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def _each(key: Array, count: int, size: int) -> Array:
+    """So many normal numbers for each of so many, (count, size): the first ones are the same for any count."""
+    return jax.vmap(lambda i: jax.random.normal(jax.random.fold_in(key, i), (size,), float))(jnp.arange(count))
+
+
+def _true_sensor(scene: Scene, recorded: Trajectory, truth: Truth, key: Array) -> Sensor:
+    """The sensor that makes the images: POS errs by a draw at its samples, if "matching" by one that corrections follow."""
+    strips, links = len(scene.data.strips), mounts(truth.lever_arm_m, truth.boresight_rad)
+    lines = By("view", {view: detector(view, cubic=scene.truth == "matching") for view in VIEWS})
+    if scene.truth == "rough":
+        time = sample_s(strips, scene.pos_hz)
+        shot = Shot(time_s=time.ravel(), strip=np.repeat(np.arange(strips), time.shape[1]))
+        motion = draw_errors(all_errors(scene), key, shot)["pos_error"]
+        return Sensor({"body": before(motion, recorded, time.ravel()), **links}, lines)
+    with jax.ensure_compile_time_eval():
+        basis = corrections(scene)
+        shot, rows = Shot(time_s=basis.epoch_s, strip=np.repeat(np.arange(strips), basis.nodes)), dense(basis)
+    motion = draw_errors(all_errors(scene), key, shot)["pos_error"]
+    xp = arrays_of(motion)
+    turn, shift = (xp.linalg.solve(rows, -xp.stack(part, axis=-1)) for part in (motion.turn, motion.shift))
+    return Sensor({"body": recorded, "pos_error": Correction(basis, turn, shift), **links}, lines)
+
+
+def simulate_block(scene: Scene, seed: int, truth: Truth = TABLE_3) -> Simulated:
+    """What `draw` draws by the key of a seed, as a block: points and ties in the numbers of the paper.
+
+    A point has three rays in each strip in whose swath it lies in all three views. The error of a line moves the time of the
+    shot, and the line offset of the pixel is exactly zero.
+
+    **Arguments:** the same seed gives the same path, POS and points for any number of ties.
+
+    **Raises:** `WhiskjaxError` where too few places lie in strips.
+    """
+    data, noise, ties = scene.data, NOISE[scene.noise], scene.tie_points
+    drawn = draw(jax.random.key(seed), scene, truth=truth)
+    count = np.asarray(drawn.is_seen).sum(axis=1)
+    one, several = (np.flatnonzero(which[:TRIED]) for which in (count == 1, count > 1))
     points = np.sort(np.concatenate([one[: data.points - data.several], several[: data.several]]))
-    tied = 600 + np.flatnonzero(count[600:])[:ties]
+    tied = TRIED + np.flatnonzero(count[TRIED:])[:ties]
     if len(points) < data.points or len(tied) < ties:
         raise WhiskjaxError(f"songshan {scene.name}, seed {seed}: too few places lie in strips; take another seed")
-    role = np.where(np.isin(np.arange(data.points), roles.permutation(data.points)[: data.check]), "check", "control")
+    # Check points evenly among places that are in no order.
+    role = np.where(np.diff(np.arange(data.points + 1) * data.check // data.points) > 0, "check", "control")
 
     chosen = np.concatenate([points, tied])
-    shape = (len(data.strips), len(VIEWS), 2)
-    drawn = (noise.point_px, point_rays, data.points), (noise.tie_px, tie_rays, ties)
-    error = np.concatenate([px * rays.standard_normal((n, *shape)) for px, rays, n in drawn])
-    point, strip, view = np.nonzero(np.broadcast_to(seen[chosen][..., None], error.shape[:-1]))
-    error = error[point, strip, view]
+    point, strip, view = np.nonzero(np.broadcast_to(drawn.is_seen[chosen][..., None], drawn.pixel_px[chosen].shape[:-1]))
+    sample, line = drawn.pixel_px[chosen][point, strip, view].T
     sigma = np.where(point < data.points, noise.point_px, noise.tie_px)
-    known = ground[points] + surveyed.normal(0, 1, (data.points, 3)) * POINT_SIGMA_M
     names = [f"{s}-{v}" for s in data.strips for v in VIEWS]
     block = Block(
-        shot=Shot(time_s=time[chosen][point, strip, view] + LINE_S * error[:, 1], view=view, strip=strip),
-        pixel_px=np.column_stack([sample[chosen][point, strip, view] + error[:, 0], np.zeros(len(point))]),
+        shot=Shot(time_s=start_s(len(data.strips))[strip] + LINE_S * line, view=view, strip=strip),
+        pixel_px=np.column_stack([sample, np.zeros(len(point))]),
         sigma_px=np.column_stack([sigma, sigma]),
         point=point,
-        position_m=np.concatenate([known, np.full((ties, 3), np.nan)]),
+        position_m=np.concatenate([drawn.surveyed_m[points], np.full((ties, 3), np.nan)]),
         covariance_m2=np.broadcast_to(np.diag(POINT_SIGMA_M**2), (data.points + ties, 3, 3)),
         role=np.concatenate([role, np.full(ties, "tie")]),
         points=[f"P{i + 1}" for i in range(data.points)] + [f"T{i + 1}" for i in range(ties)],
         images=[names[i] for i in len(VIEWS) * strip + view],
         strips=list(data.strips),
     )
-    return Drawn(block, sensor(scene, recorded), truth, ground[chosen])
+    return Simulated(block, drawn.sensor, drawn.truth, drawn.point_m[chosen])
 
 
-def _matching(scene: Scene, recorded: Trajectory, rng: np.random.Generator) -> Sensor:
-    """The sensor that makes the images where recorded poses err by a draw from what `frame_errors` says of the corrections."""
-    laboratory = sensor(scene, recorded)
-    errors = at_stations("songshan", frame_errors(scene), laboratory)
-    assert errors is not None  # there is a statement
-    roots = errors.roots(laboratory)
-    white = rng.standard_normal(roots.shape[:2])
-    drawn = errors.sigma * np.stack([np.linalg.solve(root, w) for root, w in zip(roots, white, strict=True)], axis=-1)
-    correction = Correction(laboratory["pos_error"].basis, jnp.asarray(drawn[:, :3]), jnp.asarray(drawn[:, 3:]))
-    lines = By("view", {view: detector(view, cubic=True) for view in VIEWS})
-    return Sensor({"body": recorded, "pos_error": correction, **mounts(LEVER_ARM_M, BORESIGHT_RAD)}, lines)
-
-
-def _images(truth: Sensor, ground_m: np.ndarray, strips: int) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "points strips"]]:
-    """Samples and times (points, strips, views), and whether all views of a strip see the point."""
-    start = np.broadcast_to(start_s(strips)[None, :, None], (1, strips, len(VIEWS)))
-    shot = Shot(view=np.arange(len(VIEWS))[None, None])
-    found = ground_to_image(truth, shot, ground_m[:, None, None], (start, start + STRIP_S), throw=False)
-    seen = np.logical_and.reduce(np.asarray(is_successful(found.result)), axis=-1)
-    return np.asarray(found.pixel_px[..., 0]), np.asarray(found.time_s), seen
-
-
-def simulate(scene: Scene = Scene(), seed: int = 0) -> Flight:
-    """What `draw` draws, as a flight that can be written and read: one image for each strip and view."""
-    block, recorded, _, _ = draw(scene, seed)
+def simulate(scene: Scene = Scene(), seed: int = 0, truth: Truth = TABLE_3) -> Flight:
+    """`simulate_block` as a flight that can be written and read: one image for each strip and view."""
+    block, recorded, _, _ = simulate_block(scene, seed, truth)
     time, strip, view = (np.asarray(block.key(name)) for name in ("time_s", "strip", "view"))
     starts = start_s(len(scene.data.strips))
     images = [
@@ -283,7 +368,7 @@ def simulate(scene: Scene = Scene(), seed: int = 0) -> Flight:
             sigma_sample_px=block.sigma_px[:, 0],
         ),
         unknowns=unknowns(scene),
-        errors=frame_errors(scene),
+        errors=all_errors(scene),
         world=World("local", ORIGIN),
         epoch="2017-05-23T02:00:00Z" if scene.name == "A" else "2017-05-25T02:00:00Z",
         reference_point="GNSS antenna phase centre",

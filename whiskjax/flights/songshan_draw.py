@@ -1,18 +1,22 @@
-"""The truth of the simulated block of Wang et al. (2018): terrain, detectors as they lie, mounts, strips, POS errors."""
+"""The truth of the simulated block of Wang et al. (2018): terrain, detectors as they lie, mounts, strips, the path."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from ..chain.by import By
+from ..algebra.vectors import ZERO, apply, cross, vadd, vsub
 from ..chain.line_camera import LookTable
 from ..chain.link import AbstractLink
 from ..chain.mounts import Axes, Mount
-from ..chain.samples import ned_from_body_matrices, quaternions_from_matrices
-from ..chain.sensor import Sensor
+from ..chain.pose import Motion
+from ..chain.rotations import quaternion_from_small_vector, quaternion_product, rotation_from_quaternion
+from ..chain.samples import body_in_ned, quaternions_in_blocks
 from ..chain.trajectory import Trajectory
+from ..rules import arrays_of, plain
 
 FOCAL_PX = 26_000.0  # 130 mm, 5 um
 LINE_PX = 32_756
@@ -24,6 +28,16 @@ STRIP_S, TURN_S = STRIP_M / SPEED_MPS, 300.0  # a strip, and the turn to the nex
 # The mean of Table 3: (u, v, w) from the projection centre to the antenna, in the camera frame; R_c^b = Rx(ex) Ry(ey) Rz(ez).
 LEVER_ARM_M = np.array([0.0075601137, 0.0059411685, -0.01626891418])
 BORESIGHT_RAD = np.radians([-0.07614977683, -0.06546708276, -0.01759787143])
+
+
+class Truth(NamedTuple):
+    """The mounts, metres and radians: the mean of Table 3 by default."""
+
+    lever_arm_m: Any
+    boresight_rad: Any
+
+
+TABLE_3 = Truth(LEVER_ARM_M, BORESIGHT_RAD)
 
 # Errors of POS: 1-sigma and correlation time, x, y, z and roll, pitch, yaw.
 POS_SIGMA_M, POS_CORRELATION_S = np.array([0.05, 0.05, 0.08]), np.full(3, 300.0)
@@ -43,10 +57,11 @@ _LOOKS = 1025  # 32 px apart: linear between them, the wave is off by 1e-4 px
 
 def terrain_m(x_m: Float[np.ndarray, "..."], y_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Height of the ground: hills of 190 m around 290 m, and two mountains."""
-    hills = 110 * np.sin(x_m / 900 + 0.3) * np.cos(y_m / 1100) + 80 * np.sin((x_m + 2 * y_m) / 700)
-    high = 1150 * np.exp(-(((x_m + 2400) / 1500) ** 2) - ((y_m - 1300) / 1300) ** 2)
-    low = 500 * np.exp(-(((x_m - 2500) / 1300) ** 2) - ((y_m + 1500) / 1200) ** 2)
-    return np.clip(290 + hills + high + low, 100, 1500)
+    math = arrays_of((x_m, y_m))
+    hills = 110 * math.sin(x_m / 900 + 0.3) * math.cos(y_m / 1100) + 80 * math.sin((x_m + 2 * y_m) / 700)
+    high = 1150 * math.exp(-(((x_m + 2400) / 1500) ** 2) - ((y_m - 1300) / 1300) ** 2)
+    low = 500 * math.exp(-(((x_m - 2500) / 1300) ** 2) - ((y_m + 1500) / 1200) ** 2)
+    return math.clip(290 + hills + high + low, 100, 1500)
 
 
 def deformation_px(
@@ -81,11 +96,6 @@ def mounts(lever_arm_m: np.ndarray, boresight_rad: np.ndarray) -> dict[str, Abst
         "boresight": Mount(angles_rad=boresight_rad),
         "lever": Mount(lever_arm_m=lever_arm_m, lever_sign=-1),
     }
-
-
-def true_sensor(body: Trajectory) -> Sensor:
-    """The sensor that makes the images, behind the true poses."""
-    return Sensor({"body": body, **mounts(LEVER_ARM_M, BORESIGHT_RAD)}, By("view", {view: detector(view) for view in VIEW_RAD}))
 
 
 class Strip(NamedTuple):
@@ -136,55 +146,53 @@ def start_s(strips: int) -> Float[np.ndarray, " strips"]:
     return (STRIP_S + TURN_S) * np.arange(strips)
 
 
-def ornstein_uhlenbeck(
-    rng: np.random.Generator,
-    time_s: Float[np.ndarray, "pieces n"],
-    sigma: Float[np.ndarray, " k"],
-    correlation_s: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, "pieces n k"]:
-    """Independent stationary processes with covariance sigma^2 exp(-|dt| / correlation_s), on through the gaps between pieces.
+class Path(eqx.Module):
+    """The flown path: straight strips, on which the platform sways by some tenths of a degree. Every number may be traced.
 
-    x_i = a_i x_(i-1) + sqrt(1 - a_i^2) w_i with a_i = exp(-dt_i / correlation_s), exact for any step; divided by the product of
-    the a_i, that is a cumulative sum. That product has to be a number: a piece is shorter than 700 correlation times.
+    - `period_s`, `phase_rad`, `wave_rad`: of the waves of roll, pitch and yaw, (3, waves) each.
     """
-    step = np.diff(time_s.ravel(), prepend=-np.inf).reshape(*time_s.shape, 1)
-    keep = np.exp(-step / correlation_s)
-    fresh = np.sqrt(-np.expm1(-2 * step / correlation_s)) * rng.standard_normal(keep.shape)
-    growth = np.exp((time_s - time_s[:, :1])[..., None] / correlation_s)
-    out, last = np.empty(keep.shape), np.zeros(keep.shape[-1])
-    for i in range(len(time_s)):
-        out[i] = (keep[i, 0] * last + np.cumsum(fresh[i] * growth[i], axis=0)) / growth[i]
-        last = out[i, -1]
-    return sigma * out
+
+    period_s: Float[Array, "3 waves"]
+    phase_rad: Float[Array, "3 waves"]
+    wave_rad: Float[Array, "3 waves"]
+    speed_mps: Any = SPEED_MPS
+    height_m: Any = HEIGHT_M
+
+    @classmethod
+    def draw(cls, key: Array) -> "Path":
+        """Three waves each."""
+        share = plain(jax.random.uniform(key, (3, 3, 3), float))
+        return cls(5.0 * 5.0 ** share[0], 2 * np.pi * share[1], np.radians(0.03) + np.radians(0.09) * share[2])
+
+    def recorded(self, strips: Mapping[str, Strip], pos_hz: float) -> Trajectory:
+        """The poses of the strips as samples; local world x east, y north, z up."""
+        math, time = arrays_of(self), sample_s(len(strips), pos_hz)
+        heading = np.radians([s.heading_deg for s in strips.values()])[:, None]
+        way = self.speed_mps * (time[:1] - STRIP_S / 2)
+        east = np.array([[s.x_m] for s in strips.values()]) + way * np.sin(heading)
+        north = np.array([[s.y_m] for s in strips.values()]) + way * np.cos(heading)
+        position = math.stack([math.ravel(c) for c in (east, north, self.height_m + 0 * east)], axis=-1)
+        angle = 2 * np.pi * time.reshape(1, -1, 1) / self.period_s[:, None, :] + self.phase_rad[:, None, :]
+        roll, pitch, yaw = (self.wave_rad[:, None, :] * math.sin(angle)).sum(axis=-1)
+        yaw = yaw + np.repeat(heading[:, 0], time.shape[1])
+        attitude = quaternions_in_blocks(lambda *a: quaternion_product(_NED_IN_ENU, body_in_ned(*a)), roll, pitch, yaw)
+        return Trajectory(time.ravel(), position, attitude, max_gap_s=2 / pos_hz)
 
 
-def fly(rng: np.random.Generator, strips: Mapping[str, Strip], pos_hz: float, vibration: float) -> tuple[Trajectory, Trajectory]:
-    """The poses of the strips as they were, and as POS records them; local world x east, y north, z up.
-
-    The platform flies straight and sways by some tenths of a degree. It vibrates (`vibration` times 0.0007 deg on every axis),
-    which POS does not see; what POS records errs by Ornstein-Uhlenbeck processes that go on through the turns.
-    """
-    tick = np.arange(round(STRIP_S * pos_hz) + 1) / pos_hz
-    time = start_s(len(strips))[:, None] + tick
-    centre = np.array([(s.x_m, s.y_m) for s in strips.values()])
-    heading = np.radians([s.heading_deg for s in strips.values()])
-    course = np.stack([np.sin(heading), np.cos(heading)], axis=-1)
-    way = SPEED_MPS * (tick - STRIP_S / 2)
-    ground = centre[:, None] + way[:, None] * course[:, None]
-    position = np.concatenate([ground, np.full((*time.shape, 1), HEIGHT_M)], axis=-1)
-
-    period_s, phase = np.exp(rng.uniform(np.log(5.0), np.log(25.0), (3, 3))), rng.uniform(0, 2 * np.pi, (3, 3))
-    wave_rad = np.radians(rng.uniform(0.03, 0.12, (3, 3)))
-    smooth = np.sum(wave_rad * np.sin(2 * np.pi * time[..., None, None] / period_s + phase), axis=-1)
-    smooth[..., 2] += heading[:, None]
-    sigma = np.concatenate([POS_SIGMA_M, ATTITUDE_SIGMA_RAD, np.full(3, vibration * VIBRATION_RAD)])
-    correlation = np.concatenate([POS_CORRELATION_S, ATTITUDE_CORRELATION_S, np.full(3, VIBRATION_S)])
-    shift, turn, shake = np.split(ornstein_uhlenbeck(rng, time, sigma, correlation), 3, axis=-1)
-    true, recorded = (position, smooth + shake), (position + shift, smooth + turn)
-    return _trajectory(time, *true, 2 / pos_hz), _trajectory(time, *recorded, 2 / pos_hz)
+# Half a turn about the diagonal of x and y.
+_NED_IN_ENU = (np.sqrt(0.5), np.sqrt(0.5), 0, 0)
 
 
-def _trajectory(time_s: np.ndarray, position_m: np.ndarray, angles_rad: np.ndarray, max_gap_s: float) -> Trajectory:
-    ned = ned_from_body_matrices(*np.moveaxis(angles_rad.reshape(-1, 3), -1, 0))
-    enu = np.stack([ned[:, 1], ned[:, 0], -ned[:, 2]], axis=1)
-    return Trajectory(time_s.ravel(), position_m.reshape(-1, 3), quaternions_from_matrices(enu), max_gap_s=max_gap_s)
+def sample_s(strips: int, pos_hz: float) -> Float[np.ndarray, "strips samples"]:
+    """When poses are sampled."""
+    return start_s(strips)[:, None] + np.arange(round(STRIP_S * pos_hz) + 1) / pos_hz
+
+
+def before(motion: Motion, recorded: Trajectory, time_s: Float[np.ndarray, " n"]) -> Trajectory:
+    """The true poses at the samples of a record: recorded = true @ motion."""
+    position, quaternion = (jax.tree.map(plain, each) for each in (recorded.position_m, recorded.quaternion))
+    back = vsub(ZERO, vadd(motion.shift, cross(motion.shift, motion.turn)))
+    position = vadd(position, apply(rotation_from_quaternion(quaternion), back))
+    quaternion = quaternion_product(quaternion, quaternion_from_small_vector(vsub(ZERO, motion.turn)))
+    math, gap = arrays_of((position, quaternion)), recorded.knots.max_gap_s
+    return Trajectory(time_s, math.stack(position, axis=-1), math.stack(quaternion, axis=-1), max_gap_s=gap)

@@ -153,7 +153,7 @@ def _way(scene: Scene) -> tuple[Any, Any, Any]:
     platform, target = radius + scene.height_m, radius + scene.target.height_m
     away = xp.arcsin(platform / target * xp.sin(scene.off_nadir_rad)) - scene.off_nadir_rad
     step = scene.spacing_m / platform
-    k = np.arange(scene.looks)
+    k = np.arange(scene.looks, dtype=float)
     if scene.path == "orbit":
         sight = AZIMUTH_RAD + k * step / xp.sin(away)  # clockwise around the target, which stays on the right
         return -away * xp.cos(sight), -away * xp.sin(sight), sight - np.pi / 2

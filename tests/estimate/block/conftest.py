@@ -11,7 +11,7 @@ SCENE = SCENES["orientation images"]
 
 @pytest.fixture(scope="session")
 def drawn():
-    return songshan.draw(SCENE, 2)
+    return songshan.simulate_block(SCENE, 2)
 
 
 @pytest.fixture(scope="session")

@@ -32,7 +32,7 @@ def case(request, drawn, adjusted):
     scene = SCENES[request.param]
     if request.param == "orientation images":
         return Case(scene, drawn, adjusted)
-    other = songshan.draw(scene, 2)
+    other = songshan.simulate_block(scene, 2)
     errors = songshan.frame_errors(scene)
     return Case(scene, other, wj.adjust(other.sensor, other.block, songshan.unknowns(scene), errors=errors, retime=False))
 

@@ -17,7 +17,7 @@ from whiskjax.flights import songshan
 def three_lines():
     """Rays of all views and strips, with numbers in every link; unknowns of every kind."""
     scene = dataclasses.replace(SCENE, drift=True)
-    d = songshan.draw(scene, 4)
+    d = songshan.simulate_block(scene, 4)
     rng = np.random.default_rng(0)
     unknowns = list(songshan.unknowns(scene))
     unknowns += [wj.Unknown(f"focal {view}", f"camera.{view}.focal_px", scale=10.0) for view in songshan.VIEWS]

@@ -31,7 +31,7 @@ class Axes:
     def rows(self) -> Float[np.ndarray, "n n"]:
         """Weights of the coefficients at the times at which the record observes."""
         basis = self.link.basis if isinstance(self.link, Correction) else None
-        return _dense(basis) if isinstance(basis, AbstractUniform) else np.eye(self.link.stations)
+        return dense(basis) if isinstance(basis, AbstractUniform) else np.eye(self.link.stations)
 
     def alone(self, k: int) -> Float[np.ndarray, "n n"]:
         """The rows of an axis that is independent of the others."""
@@ -121,7 +121,7 @@ def _epochs(e: FrameErrors, link: AbstractStations) -> tuple[np.ndarray, np.ndar
     return basis.epoch_s, firsts
 
 
-def _dense(basis: AbstractUniform) -> Float[np.ndarray, "epochs coefficients"]:
+def dense(basis: AbstractUniform) -> Float[np.ndarray, "epochs coefficients"]:
     """Weights of the coefficients at the basis' epochs."""
     rows = np.zeros((basis.size, basis.size))
     for i, weight in basis.weights(basis.epoch_s):

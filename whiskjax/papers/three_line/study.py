@@ -16,7 +16,7 @@ from ...estimate.block.two_step import TwoStep, two_step
 from ...estimate.blunders import Blunders
 from ...estimate.consistency import nees
 from ...estimate.unknown import Unknown, assign
-from ...flights.songshan import LINE_S, Drawn, Scene, draw, frame_errors, unknowns
+from ...flights.songshan import LINE_S, Scene, Simulated, frame_errors, simulate_block, unknowns
 from ...flights.songshan_draw import BORESIGHT_RAD, LEVER_ARM_M, STRIP_S, start_s
 
 MOUNTS = ("u", "v", "w", "ex", "ey", "ez")
@@ -30,7 +30,7 @@ class Run(NamedTuple):
 
     scene: Scene
     seed: int
-    drawn: Drawn
+    drawn: Simulated
     adjusted: Adjustment
 
     @property
@@ -41,7 +41,7 @@ class Run(NamedTuple):
 
 def run(scene: Scene, seed: int, white: bool = False, reweigh: bool = False) -> Run:
     """Draw and adjust. **Arguments:** `white`: POS errors are taken as white; `reweigh`: sigmas are found from the data."""
-    drawn, errors = draw(scene, seed), frame_errors(scene, white)
+    drawn, errors = simulate_block(scene, seed), frame_errors(scene, white)
     return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), errors=errors, reweigh=reweigh))
 
 
@@ -49,7 +49,7 @@ def run(scene: Scene, seed: int, white: bool = False, reweigh: bool = False) -> 
 class Calibrated:
     """The four trials of the paper on one block; `value` and `sigma` are those of `unknowns`, in the units of their fields."""
 
-    drawn: Drawn
+    drawn: Simulated
     unknowns: tuple[Unknown, ...]
     direct: Direct
     adjusted: Adjustment
@@ -215,7 +215,7 @@ class Weighed(NamedTuple):
 
 def weights(scene: Scene, seed: int) -> Weighed:
     """Sigmas from the data, where those of ties and of POS are given 3 times too large and those of points 3 times too small."""
-    drawn = draw(scene, seed)
+    drawn = simulate_block(scene, seed)
     block = drawn.block
     tie = block.role[block.point] == "tie"
     given = dataclasses.replace(
@@ -236,7 +236,7 @@ class Loop(NamedTuple):
 
 def two_steps(scene: Scene, seed: int, white: bool, max_rounds: int) -> Loop:
     """The paper's loop and the joint adjustment of one block, with POS errors taken as correlated or as white."""
-    drawn, numbers, errors = draw(scene, seed), unknowns(scene), frame_errors(scene, white)
+    drawn, numbers, errors = simulate_block(scene, seed), unknowns(scene), frame_errors(scene, white)
     joint = adjust(drawn.sensor, drawn.block, numbers, errors=errors)
     block = joint.block  # its rays are at their crossings already
     loop = two_step(drawn.sensor, block, numbers, errors=errors, mounts=MOUNTS, retime=False, max_rounds=max_rounds)
