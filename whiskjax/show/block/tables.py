@@ -123,7 +123,8 @@ def corrections(summary: Summary) -> Table | None:
     rows = []
     for row in found["axes"]:
         decimals = decimals_of(row["median_sigma"])
-        time = "–" if row["correlation_s"] is None else short(row["correlation_s"])
+        told = row["correlation_s"]  # of several statements all
+        time = "–" if told is None else " and ".join(map(short, told if isinstance(told, list) else [told]))
         figures = (Cell(fixed(row[key], decimals)) for key in ("rms", "max_abs", "median_sigma"))
         rows.append((Cell(row["axis"]), Cell(row["unit"]), Cell(short(row["prior_sigma"])), Cell(time), *figures))
     observed = "prior sigma: of POS" if found["observed"] else "prior sigma: how far the start may be off; nothing was observed"
