@@ -210,10 +210,10 @@ class Drawn(NamedTuple):
 
     sensor: Sensor
     truth: Sensor
-    point_m: Float[Array, "n 3"]
-    surveyed_m: Float[Array, "n 3"]
-    exact_px: Float[Array, "n 2"]
-    pixel_px: Float[Array, "n 2"]
+    point_m: Float[Any, "n 3"]
+    surveyed_m: Float[Any, "n 3"]
+    exact_px: Float[Any, "n 2"]
+    pixel_px: Float[Any, "n 2"]
 
     def observations(self) -> Observations:
         """What `calibrate` is given, with the names of images left out. Traceable."""
@@ -288,19 +288,20 @@ def draw(
         motion = draw_errors(frame_errors(), of_pos, Shot(time_s=time, strip=_PAIR))["body"]
         turn, shift = (math.stack(part, axis=-1) for part in (motion.turn, motion.shift))
         exact = exact.after("body", "pos_error", Mount(lever_arm_m=-shift, angles_rad=-turn))
-    if looks := point_m is None:
+    point: Any = point_m
+    if point is None:
         pixel = math.stack([sample, np.zeros(len(_IMAGE))], axis=-1)
         shot = dataclasses.replace(keys, time_s=time)
-        point_m = plain(image_to_ground(exact, shot, pixel, HeightSurface(jnp.asarray(height))).point_m)
-    if not (looks and noise):
+        point = plain(image_to_ground(exact, shot, pixel, HeightSurface(jnp.asarray(height))).point_m)
+    if not (point_m is None and noise):
         # Also of points just looked at: rounding of their ECEF coordinates (1e-9 m) then is no measurement error.
-        seen = ground_to_image(exact, keys, point_m, (_START_S, _START_S + SWING_S))
+        seen = ground_to_image(exact, keys, point, (_START_S, _START_S + SWING_S))
         time, sample = plain(seen.time_s), plain(seen.pixel_px)[:, 0]
     exact_px = math.stack([sample, (time - _START_S) * LINES_HZ], axis=-1)
     white = plain(jax.random.normal(of_measuring, (6, len(_IMAGE)), float)).T * float(noise)  # of the shape that errors compiled
-    surveyed = point_m + white[:, :3] @ (np.diag(POINT_SIGMA_M) @ _ECEF_FROM_ENU.T)
+    surveyed = point + white[:, :3] @ (np.diag(POINT_SIGMA_M) @ _ECEF_FROM_ENU.T)
     recorded = sensor(body, scan, pitch, scan_first=scan_first)
-    return Drawn(recorded, exact, point_m, surveyed, exact_px, exact_px + white[:, 3:5] * _SIGMA_PX)
+    return Drawn(recorded, exact, point, surveyed, exact_px, exact_px + white[:, 3:5] * _SIGMA_PX)
 
 
 def simulate(seed: int, *, noise: bool = True, drift: bool = False, truth: Truth = TABLE_4, scan_first: bool = True) -> Flight:

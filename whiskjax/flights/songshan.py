@@ -12,7 +12,7 @@ three lines; samples count to the left.
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -128,11 +128,11 @@ class Drawn(NamedTuple):
 
     sensor: Sensor
     truth: Sensor
-    point_m: Float[Array, "points 3"]
-    surveyed_m: Float[Array, "points 3"]
-    exact_px: Float[Array, "points strips views 2"]
-    pixel_px: Float[Array, "points strips views 2"]
-    is_seen: Bool[Array, "points strips"]
+    point_m: Float[Any, "points 3"]
+    surveyed_m: Float[Any, "points 3"]
+    exact_px: Float[Any, "points strips views 2"]
+    pixel_px: Float[Any, "points strips views 2"]
+    is_seen: Bool[Any, "points strips"]
 
 
 class Simulated(NamedTuple):
@@ -250,22 +250,23 @@ def draw(
     strips, noise = len(scene.data.strips), NOISE[scene.noise]
     recorded = (Path.draw(of_path) if path is None else path).recorded(scene.data.strips, scene.pos_hz)
     exact = _true_sensor(scene, recorded, truth, of_pos)
-    count = TRIED + 2 * scene.tie_points + 100 if point_m is None else len(point_m)
+    point: Any = point_m
+    count = TRIED + 2 * scene.tie_points + 100 if point is None else len(point)
     white = plain(_each(of_points, count, 5 + 2 * strips * len(VIEWS)))
-    if point_m is None:
+    if point is None:
         place = FIELD_M * (2 * plain(jax.scipy.special.ndtr(white[:, :2])) - 1).T  # even over the field
-        point_m = arrays_of(place).stack([*place, terrain_m(*place)], axis=-1)
+        point = arrays_of(place).stack([*place, terrain_m(*place)], axis=-1)
     start = np.broadcast_to(start_s(strips)[None, :, None], (1, strips, len(VIEWS)))
     shot = Shot(view=np.arange(len(VIEWS))[None, None])
-    found = ground_to_image(exact, shot, point_m[:, None, None], (start, start + STRIP_S), throw=False)
+    found = ground_to_image(exact, shot, point[:, None, None], (start, start + STRIP_S), throw=False)
     line = (plain(found.time_s) - start) / LINE_S
     exact_px = arrays_of(line).stack([plain(found.pixel_px)[..., 0], line], axis=-1)
     sigma_px = np.where(np.arange(count) < TRIED, noise.point_px, noise.tie_px)[:, None, None, None]
     return Drawn(
         sensor(scene, recorded),
         exact,
-        point_m,
-        point_m + white[:, 2:5] @ np.diag(POINT_SIGMA_M),
+        point,
+        point + white[:, 2:5] @ np.diag(POINT_SIGMA_M),
         exact_px,
         exact_px + sigma_px * white[:, 5:].reshape(*line.shape, 2),
         plain(is_successful(found.result)).all(axis=-1),

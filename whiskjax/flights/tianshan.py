@@ -194,7 +194,7 @@ def _ecef(lat_rad: Any, lon_rad: Any, height_m: Any) -> tuple[Any, Any, Any]:
 
 def draw(
     key: Array, scene: Scene = STANDARD, errors: Sequence[FrameErrors] = frame_errors(), sigma_px: Any = PIXEL_SIGMA_PX
-) -> tuple[Recorded, Float[Array, "looks 2"]]:
+) -> tuple[Recorded, Float[Any, "looks 2"]]:
     """Records and pixels of one run, a pure function for `jit`, `vmap` and derivatives.
 
     Recorded = true @ error, measured = imaged by the truth + noise. The truth keeps the target in the principal point, so the
@@ -209,7 +209,7 @@ def draw(
 
 def draw_runs(
     scene: Scene, runs: int, seed: int, errors: Sequence[FrameErrors] = frame_errors(), sigma_px: Any = PIXEL_SIGMA_PX
-) -> tuple[Recorded, Float[Array, "runs looks 2"]]:
+) -> tuple[Recorded, Float[Any, "runs looks 2"]]:
     """`draw` for as many keys, split from the seed: records (runs, looks) and pixels (runs, looks, 2)."""
     keys = jax.random.split(jax.random.key(seed), runs)
     return _draw_each(keys, true_records(scene), time_s(scene), tuple(errors), jnp.asarray(sigma_px, dtype=float))
@@ -217,7 +217,7 @@ def draw_runs(
 
 def _draw(
     key: Array, true: Recorded, stamp_s: Any, errors: tuple[FrameErrors, ...], sigma_px: Any
-) -> tuple[Recorded, Float[Array, "looks 2"]]:
+) -> tuple[Recorded, Float[Any, "looks 2"]]:
     for one in errors:
         read = {"body": range(6), "gimbal_roll": (0,), "gimbal_pitch": (1,)}.get(one.frame, ())
         if not set(one.acting) <= set(read):
