@@ -29,7 +29,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..chain.trajectory import Trajectory
 from ..estimate.block.block import Block
-from ..estimate.block.station_errors import dense
+from ..estimate.block.station_rows import dense
 from ..estimate.errors import FrameErrors, draw_errors
 from ..estimate.unknown import Unknown
 from ..rules import WhiskjaxError, arrays_of, plain
