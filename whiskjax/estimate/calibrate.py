@@ -249,17 +249,20 @@ def _effects_px(
     for x in numbers.unknowns:
         if x.sigma is None:
             raise WhiskjaxError(f"consider: {x.name} has no prior sigma; its uncertainty is what would be considered")
+    wander = any(not one.is_white for one in errors)
+    if not numbers.unknowns and not wander:
+        return None
     solved = ready.problem.unknowns.put(ready.sensor, here.u)
     effects = []
     if numbers.unknowns:
         changed = prepare(solved, ready.observations, numbers, None).weighted(ready.weight)
         root = arrays_of(numbers.correlation).linalg.cholesky(numbers.correlation)
         effects.append(linearise(changed, changed.start).rows_px @ root)
-    if any(not one.is_white for one in errors):
+    if wander:
         seen = ready.observations
         common, _ = common_columns_px(errors, solved, seen.shot, unstack(seen.point_m), surface)
         effects.append(-plain(common))  # of the residual: measured less projected from the pose as it was recorded
-    return arrays_of(effects).concatenate(effects, axis=2) if effects else None
+    return arrays_of(effects).concatenate(effects, axis=2)
 
 
 def _raise(answer: Calibration) -> None:

@@ -1,21 +1,28 @@
 """Residuals of a group and their derivatives by the unknowns that act on it, from one sweep through the chain."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Vec2, neg
+from ..algebra.vectors import Vec2, Vec3, neg
 from ..chain.joints import joint_derivatives
 from ..chain.parameters import once, passages
 from .problem import Group, Problem
 
 
-def columns(
-    problem: Problem, group: Group, u: Float[Array, " unknowns"]
-) -> tuple[Vec2, tuple[Float[Array, "acting n"], Float[Array, "acting n"]], tuple[int, ...]]:
-    """**Returns:** whitened residuals (x, y) of a group, their derivatives, and by which unknowns, in the order of columns."""
+class Swept(NamedTuple):
+    """Whitened residuals (x, y) of a group, their derivatives `by` the unknowns of `order`, and points in the camera frame."""
+
+    residual: Vec2
+    by: tuple[Float[Array, "acting n"], Float[Array, "acting n"]]
+    order: tuple[int, ...]
+    inside: Vec3
+
+
+def columns(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> Swept:
+    """What one sweep finds of a group at whitened unknowns."""
     n, unknowns = group.point[0].shape, problem.unknowns
     w00, w10, w11 = group.weight
 
@@ -25,10 +32,12 @@ def columns(
         met = passages(sensor, group.point, found, unknowns.links)
         met = {name: passage._replace(rows=_whitened_rows(group, passage.rows)) for name, passage in met.items()}
         residual = tuple(z - h for z, h in zip(group.pixel, found.pixel, strict=True))
-        return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), (group.whiten(*residual), met))
+        *_, inside = found.points.values()
+        told = group.whiten(*residual), met, inside
+        return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), told)
 
     # That a scale is positive is what the compiler cannot know.
-    residual, met = once(seen, unknowns.scale[0] > 0)
+    residual, met, inside = once(seen, unknowns.scale[0] > 0)
     if "camera" in met:
         met["camera"] = met["camera"]._replace(rows=((neg(w00), 0), (neg(w10), neg(w11))))
     parts = unknowns.columns(problem.put(u), group.shot, met)
@@ -36,12 +45,13 @@ def columns(
     order = tuple(k for part in parts for k in part.which)
     acting = tuple(sorted(set(order)))
     if len(order) == len(acting):  # no unknown lives in two links: nothing to add up
-        return residual, (jnp.concatenate([part.x for part in parts]), jnp.concatenate([part.y for part in parts])), order
+        by = jnp.concatenate([part.x for part in parts]), jnp.concatenate([part.y for part in parts])
+        return Swept(residual, by, order, inside)
     x = y = jnp.zeros((len(acting), *n))
     for part in parts:
         place = jnp.array([acting.index(k) for k in part.which])
         x, y = x.at[place].add(part.x), y.at[place].add(part.y)
-    return residual, (x, y), acting
+    return Swept(residual, (x, y), acting, inside)
 
 
 def _full(column: Array, n: tuple[int, ...]) -> Array:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ..chain.address import node_at
 from ..chain.parameters import Parameters
@@ -25,7 +25,7 @@ class Given(NamedTuple):
     """Numbers with their priors, and the correlation of those, (k, k)."""
 
     unknowns: tuple[Unknown, ...]
-    correlation: Float[Array, "k k"]
+    correlation: Float[Any, "k k"]
 
     @property
     def is_joint(self) -> bool:
@@ -46,6 +46,8 @@ def given(owner: str, name: str, items: Any) -> Given:
     if isinstance(getattr(items, "estimate", items), Estimate):
         items = [items]
     need(owner, name, items, Sequence)
+    if all(isinstance(item, Unknown) for item in items):
+        return Given(tuple(items), np.eye(len(items)))
     unknowns: list[Unknown] = []
     blocks = []
     for i, item in enumerate(items):

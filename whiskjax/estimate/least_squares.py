@@ -95,7 +95,7 @@ def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Ar
             normal = normal + x @ x.T + y @ y.T
         return normal
     for group in (g for g in problem.groups if g.decides):
-        residual, by, order = columns(problem, group, u)
+        residual, by, order, _ = columns(problem, group, u)
         weight = 1.0
         if problem.loss is not None:
             weight = jnp.sqrt(problem.loss.weight(residual[0] * residual[0] + residual[1] * residual[1]))
@@ -120,7 +120,7 @@ def observed_rows(problem: Problem, u: Float[Array, " unknowns"]) -> list[Vec2]:
             continue
 
         def seen(group: Group = group) -> Vec2:
-            residual, by, order = columns(problem, group, u)
+            residual, by, order, _ = columns(problem, group, u)
             place = jnp.array([*order, m])
             parts = [jnp.concatenate([c, r[None]]) for c, r in zip(by, residual, strict=True)]
             return tuple(jnp.zeros((m + 1, part.shape[1])).at[place].set(part) for part in parts)

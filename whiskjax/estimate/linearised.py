@@ -15,14 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..algebra.vectors import Vec2, unstack
+from ..algebra.vectors import Vec2, Vec3, unstack
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
 from ..chain.parameters import once
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
-from ..rules import RESULTS, SensorError, arrays_of, first_failure, plain
+from ..rules import RESULTS, SensorError, arrays_of, compiled, first_failure, plain
 from ..rules.results import message_of
 from .columns import columns
 from .error_effects import white_covariance_px2
@@ -77,7 +77,8 @@ class LeastSquares(eqx.Module):
     def weighted(self, weight: Float[np.ndarray, "n 3"], prior: Float[np.ndarray, "k k"] | None = None) -> "LeastSquares":
         """The same with other weights of the measurements, and another root of the priors."""
         prior = self.prior if prior is None else prior
-        problem = eqx.tree_at(lambda p: p.unknowns.root, weigh(self.problem, weight, self.indices), jnp.asarray(prior))
+        problem = weigh(self.problem, weight, self.indices)
+        problem = dataclasses.replace(problem, unknowns=dataclasses.replace(problem.unknowns, root=jnp.asarray(prior)))
         return dataclasses.replace(self, problem=problem, weight=weight, prior=prior)
 
     def joint(self, share: Float[Any, " n"]) -> Joint:
@@ -154,8 +155,8 @@ def prepare(
     refuse_extremes(sensor, "calibrate")
     layout = layout or Layout.of(sensor, observations, split=False)
     problem, start, indices = pose_problem(sensor, observations, unknowns, loss, layout=layout)
-    baked, linked = _fenced(_bake, problem, jnp.asarray(start))
-    before, follows, seen = _fenced(_begin, baked, jnp.asarray(start))
+    baked, linked = _fenced(_baked, problem, jnp.asarray(start))
+    before, follows, seen = _fenced(_begun, baked, jnp.asarray(start))
     n = len(observations)
     before, linked, unseen = (by_observation(part, indices, n) for part in (_stacked(before), linked, seen))
     follows = by_observation(_stacked(follows), indices, n).reshape(n, 2, 3)
@@ -191,15 +192,17 @@ def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> 
 def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
     """Residuals and derivatives of all observations at whitened unknowns."""
     n = len(ready.observations)
-    residual, rows, unseen = _fenced(_evaluate, ready.problem, jnp.asarray(u))
-    residual, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(residual), _stacked(rows), unseen))
-    math = arrays_of((residual, ready.weight))
+    whitened, rows, unseen = _fenced(_evaluate, ready.problem, jnp.asarray(u))
+    whitened, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(whitened), _stacked(rows), unseen))
+    math = arrays_of((whitened, ready.weight))
     w00, w10, w11 = ready.weight.T
-    x, y = residual.T
-    x_rows = rows[:, 0] / w00[:, None]
-    y_rows = (rows[:, 1] - w10[:, None] * x_rows) / w11[:, None]
-    whitened = math.stack([w00 * x, w10 * x + w11 * y], axis=-1)
-    return Linearised(plain(u), residual, whitened, rows, math.stack([x_rows, y_rows], axis=1), unseen)
+
+    def in_pixels(x: Any, y: Any) -> Any:
+        x = x / w00[:, None]
+        return math.stack([x, (y - w10[:, None] * x) / w11[:, None]], axis=1)
+
+    residual_px = in_pixels(whitened[:, 0, None], whitened[:, 1, None])[..., 0]
+    return Linearised(plain(u), residual_px, whitened, rows, in_pixels(rows[:, 0], rows[:, 1]), unseen)
 
 
 def _fenced(of: Any, problem: Problem, u: Array) -> Any:
@@ -223,8 +226,9 @@ def refine(
         step = -np.linalg.lstsq(*weighted_rows(ready, here, share), rcond=None)[0]
         if not np.abs(step).max() < near:
             break
-        here = here.moved(step) if frozen else linearise(ready, here.u + step)
-        if np.abs(step).max() < _ROUNDING:
+        settled = np.abs(step).max() < _ROUNDING
+        here = here.moved(step) if frozen or settled else linearise(ready, here.u + step)
+        if settled:
             break
     return here
 
@@ -290,11 +294,15 @@ def whitening(sigma_px: Float[np.ndarray, "n 2"], fixed_px2: Float[np.ndarray, "
 def pixels(problem: Problem, group: Group, u: Array) -> tuple[Vec2, Array]:
     """Residuals (x, y) of a group in pixels, (n,) each, and the codes of observations that cannot have been made (n,)."""
     sensor = problem.put(u)
-    camera, q = sensor.camera_at(group.shot), into_camera(sensor, group.shot, group.point)
-    x, y = camera.pixel(q)
-    result = first_failure(sensor.check(group.shot), camera.check_direction(q))
-    code = jax.tree.leaves(result)[0] + jnp.zeros(x.shape, dtype=jnp.int32)
-    return (group.pixel[0] - x, group.pixel[1] - y), code
+    q = into_camera(sensor, group.shot, group.point)
+    x, y = sensor.camera_at(group.shot).pixel(q)
+    return (group.pixel[0] - x, group.pixel[1] - y), _codes(sensor, group, q)
+
+
+def _codes(sensor: Sensor, group: Group, inside: Vec3) -> Array:
+    """Of observations that the sensor cannot have made of points in the camera frame, (n,)."""
+    result = first_failure(sensor.check(group.shot), sensor.camera_at(group.shot).check_direction(inside))
+    return jax.tree.leaves(result)[0] + jnp.zeros(group.pixel[0].shape, dtype=jnp.int32)
 
 
 def _stacked(groups: list[tuple[Array, ...]]) -> list[Any]:
@@ -302,7 +310,6 @@ def _stacked(groups: list[tuple[Array, ...]]) -> list[Any]:
     return [arrays_of(arrays).stack(arrays) for arrays in groups]
 
 
-@eqx.filter_jit
 def _bake(problem: Problem, start: Array):
     """The baked problem, and for each group the failures of its links: a baked pose does not know its time any more."""
     codes = []
@@ -312,7 +319,6 @@ def _bake(problem: Problem, start: Array):
     return problem.baked(), codes
 
 
-@eqx.filter_jit
 def _begin(problem: Problem, start: Array):
     """For each group residuals in pixels, the six derivatives by the ground point, and failure codes of the camera.
 
@@ -328,15 +334,20 @@ def _begin(problem: Problem, start: Array):
     return before, follows, unseen
 
 
+# Both run once: what they cost to compile is more than they save.
+_baked, _begun = (compiled(of, lambda problem, _: sum(len(group.pixel[0]) for group in problem.groups)) for of in (_bake, _begin))
+
+
 @eqx.filter_jit
 def _evaluate(problem: Problem, u: Array):
-    """For each group: residuals in pixels (x, y), whitened derivatives (x, y), (unknowns, n) each, and failure codes."""
+    """For each group: whitened residuals (x, y), their derivatives (x, y), (unknowns, n) each, and failure codes."""
     after, rows, unseen = [], [], []
+    sensor = problem.put(u)
     for group in problem.groups:
-        residual, code = pixels(problem, group, u)
-        after.append(residual)
-        _, by, order = columns(problem, group, u)
+        found = columns(problem, group, u)
+        order = found.order
         place = np.argsort([*order, *(k for k in range(len(u)) if k not in order)])
-        rows.append(tuple(jnp.pad(c, ((0, len(u) - len(order)), (0, 0)))[place] for c in by))
-        unseen.append(code)
+        after.append(found.residual)
+        rows.append(tuple(jnp.pad(c, ((0, len(u) - len(order)), (0, 0)))[place] for c in found.by))
+        unseen.append(_codes(sensor, group, found.inside))
     return after, rows, unseen

@@ -3,11 +3,11 @@
 Unknowns are whitened, value = mean + scale * u, so that the identity damping of Levenberg-Marquardt fits all of them.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -17,7 +17,7 @@ from ..chain.imaging import image
 from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..rules import WhiskjaxError, arrays_of, is_traced
+from ..rules import WhiskjaxError, arrays_of, is_traced, on_device
 from ..rules.sizes import rounded
 from .given import Knowledge, given, posed
 from .losses import AbstractLoss
@@ -58,8 +58,8 @@ class Problem(eqx.Module):
         sensor, groups = self.sensor, []
         for group in self.groups:
             sensor, shot = bake(self.sensor, group.shot, self.unknowns.links)
-            groups.append(eqx.tree_at(lambda g: g.shot, group, shot))
-        return eqx.tree_at(lambda p: (p.sensor, p.groups), self, (sensor, tuple(groups)))
+            groups.append(dataclasses.replace(group, shot=shot))
+        return dataclasses.replace(self, sensor=sensor, groups=tuple(groups))
 
     def put(self, u: Float[Array, " unknowns"]) -> Sensor:
         """The sensor with whitened unknowns put in."""
@@ -145,7 +145,7 @@ def _groups(observations: Observations, layout: Layout) -> tuple[Group, ...]:
 def _columns(a: Any) -> tuple[Array, ...]:
     if is_traced(a):
         return tuple(a[:, i] for i in range(a.shape[1]))
-    return tuple(jnp.asarray(np.ascontiguousarray(column)) for column in a.T)
+    return tuple(on_device(np.ascontiguousarray(column)) for column in a.T)
 
 
 def pose_problem(
@@ -177,8 +177,8 @@ def weigh(problem: Problem, weight: Float[np.ndarray, "n 3"], indices: list[np.n
     groups = []
     for group, index in zip(problem.groups, indices, strict=True):
         padding = ((0, group.point[0].shape[0] - len(index)), (0, 0))
-        groups.append(eqx.tree_at(lambda g: g.weight, group, _columns(arrays_of(weight).pad(weight[index], padding))))
-    return eqx.tree_at(lambda p: p.groups, problem, tuple(groups))
+        groups.append(dataclasses.replace(group, weight=_columns(arrays_of(weight).pad(weight[index], padding))))
+    return dataclasses.replace(problem, groups=tuple(groups))
 
 
 def by_observation(groups: Sequence[Any], indices: list[np.ndarray], n: int) -> Any:
