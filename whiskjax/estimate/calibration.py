@@ -34,7 +34,9 @@ BLUNDER = 4.0
 class Fit(NamedTuple):
     """How well the model meets the observations: chi-square over degrees of freedom, its tail probability, the verdict.
 
-    Blunders are left out; where they are, the verdict asks that most observations are none. `check` is what the check points say.
+    What was considered counts: residuals are weighed by their whole covariance (`Considered`), and are as large as all that was
+    said lets them be where the variance factor is 1. Blunders are left out; where they are, the verdict asks that most
+    observations are none. `check` is what the check points say.
     """
 
     variance_factor: float

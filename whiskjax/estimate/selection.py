@@ -56,7 +56,9 @@ def compare(models: Mapping[str, Calibration]) -> Comparison:
     for name, model in models.items():
         ours, theirs = model.observations, first.observations
         pairs: list[tuple[Any, Any]] = [(model.used, first.used)]
-        pairs += [(getattr(ours, f), getattr(theirs, f)) for f in ("pixel_px", "point_m", "sigma_px", "point_covariance_m2")]
+        pairs += [
+            (getattr(ours, f), getattr(theirs, f)) for f in ("pixel_px", "point_m", "point", "sigma_px", "point_covariance_m2")
+        ]
         pairs += [(ours.key(key), theirs.key(key)) for key in ("time_s", *KEYS)]
         if not all(np.array_equal(a, b) for a, b in pairs):
             raise WhiskjaxError(
