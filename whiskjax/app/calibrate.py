@@ -88,6 +88,7 @@ def calibrate(
             found.sensor,
             found.observations(),
             found.unknowns,
+            errors=[one for one in found.errors if not any(one.free)],
             loss=robust,
             blunders=Blunders() if blunders else None,
             reweigh=Reweigh() if reweigh else None,
