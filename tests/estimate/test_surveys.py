@@ -314,4 +314,5 @@ def test_rays_keep_their_points():
     numbered = dataclasses.replace(observed(names=UNNAMED), point=OF)
     np.testing.assert_array_equal(dataclasses.replace(numbered, pixel_px=PIXEL_PX + 1).point, numbered.point)
     np.testing.assert_array_equal(calibrated(numbered).value, calibrated(seen).value)
-    np.testing.assert_array_equal(observed(names=UNNAMED).point, np.arange(N))
+    assert observed(names=UNNAMED).point is None and observed(names=[f"{i}" for i in range(N)]).point is None
+    assert seen.take([int(np.flatnonzero(OF == p)[0]) for p in range(POINTS)]).point is None

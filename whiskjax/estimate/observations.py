@@ -32,7 +32,8 @@ class Observations(eqx.Module):
       is propagated into the weights. A point was surveyed once: its error is the same in all rays that see it.
     - `images`, `points`: names for people, n each. Rays whose points have one name see one point; without names every ray sees
       its own.
-    - `point`: which point each ray sees, (n,), 0 to n - 1, where there are no names; kept in step with them.
+    - `point`: which point each ray sees, (n,), where there are no names; kept in step with them, and None where every ray sees
+      its own.
     """
 
     shot: Shot
@@ -41,7 +42,7 @@ class Observations(eqx.Module):
     sigma_px: Float[Any, "n 2"]
     is_control: Bool[np.ndarray, " n"]
     point_covariance_m2: Float[Any, "n 3 3"] | None
-    point: Int[Any, " n"]
+    point: Int[Any, " n"] | None
     labels: Labels = eqx.field(static=True)
 
     def __init__(
@@ -75,12 +76,11 @@ class Observations(eqx.Module):
         for name, names in (("images", images), ("points", points)):
             if len(names) not in (0, n):
                 raise WhiskjaxError(f"observations: {len(names)} names of {name} for {n} observations")
-        # Names are no part of what is compiled, so that what they say of the points is kept as an array.
+        # Names are no part of what is compiled: what they say of the points is kept as an array, that they say nothing as None.
+        if point is not None:
+            point = plain(arrays.take_whole("point", point, "n", meaning="which point a ray sees"))
         names = points or (labels["points"] if point is None else ())
-        self.point = numbered(names) if len(names) else np.arange(n)
-        if point is not None and not len(names):
-            taken: Any = plain(arrays.take_whole("point", point, "n", meaning="which point a ray sees"))
-            self.point = taken if is_traced(taken) else numbered(taken.tolist())
+        self.point = point if is_traced(point) and not len(names) else numbered(names if len(names) or point is None else point)
         self.labels = Labels(images=images or labels["images"], points=points or labels["points"])
         self._check()
 
@@ -108,7 +108,7 @@ class Observations(eqx.Module):
 
     def _refuse_two_surveys(self, known: dict[str, Any]) -> None:
         """**Raises:** `WhiskjaxError` where rays of one point say different things of it, of which one error can be no error."""
-        if is_traced(self.point):
+        if self.point is None or is_traced(self.point):
             return
         first = np.unique(self.point, return_index=True)[1][self.point]
         for name in known.keys() & {"point_m", "point_covariance_m2"}:
@@ -152,7 +152,7 @@ class Observations(eqx.Module):
             None if covariance is None else covariance[index],
             [self.images[int(i)] for i in index] if len(self.images) else (),
             [self.points[int(i)] for i in index] if len(self.points) else (),
-            self.point[index],
+            None if self.point is None else self.point[index],
         )
 
     def shots(self, index: np.ndarray) -> Shot:
@@ -171,7 +171,8 @@ class Observations(eqx.Module):
         return np.broadcast_to(np.asarray(value), (len(self),))
 
 
-def numbered(names: Sequence[Any]) -> Int[np.ndarray, " n"]:
-    """Equal numbers for equal names, in the order in which these first come."""
+def numbered(names: Sequence[Any] | np.ndarray) -> Int[np.ndarray, " n"] | None:
+    """Equal numbers for equal names, in the order in which these first come; None where no two are equal."""
     first: dict[Any, int] = {}
-    return np.array([first.setdefault(name, len(first)) for name in names])
+    number = [first.setdefault(name, len(first)) for name in (names.tolist() if isinstance(names, np.ndarray) else names)]
+    return np.array(number) if len(first) < len(number) else None

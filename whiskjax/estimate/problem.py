@@ -112,7 +112,7 @@ class Layout(NamedTuple):
             index = np.flatnonzero((codes == code).all(axis=1)).astype(np.int32)
             keys = tuple((key, int(c)) for key, c in zip(choosing, code, strict=False))
             groups.append((keys, bool(code[-1]), index.tobytes()))
-        if observations.point_covariance_m2 is None or is_traced(observations.point):
+        if observations.point_covariance_m2 is None or observations.point is None or is_traced(observations.point):
             return cls(tuple(groups))
         # What check points share is nothing to those who decide.
         own = len(observations) + np.arange(len(observations))

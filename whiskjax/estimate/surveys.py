@@ -135,13 +135,16 @@ class Shared(eqx.Module):
 
 
 def common_surveys(
-    point: Int[Any, " n"], covariance_m2: Float[Any, "n 3 3"], follows: Float[Any, "n 2 3"], fixed_px2: Float[Any, "n 2 2"]
+    point: Int[Any, " n"] | None, covariance_m2: Float[Any, "n 3 3"], follows: Float[Any, "n 2 3"], fixed_px2: Float[Any, "n 2 2"]
 ) -> Surveys | None:
     """The points that several rays see, or None where none is known to be.
 
-    **Arguments:** `point`: equal for rays of one point; `fixed_px2`: the covariance that is no survey error.
+    **Arguments:** `point`: equal for rays of one point, None where every ray sees its own; `fixed_px2`: the covariance that is no
+    survey error.
     """
     n = len(follows)
+    if point is None:
+        return None
     if is_traced(point):
         count = jnp.zeros(n, dtype=int).at[point].add(1)
         one = jnp.zeros(n, dtype=int).at[point].max(jnp.arange(n))  # any of its rays: all say the same of the point
