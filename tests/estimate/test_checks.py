@@ -12,7 +12,7 @@ from whiskjax.chain.address import parse
 from whiskjax.estimate import checks
 from whiskjax.estimate.check_points import CheckTest
 from whiskjax.estimate.estimate import Estimate
-from whiskjax.estimate.evidence import Evidence, Words
+from whiskjax.estimate.evidence import Evidence, Seen, Words
 from whiskjax.estimate.model_test import consistency
 from whiskjax.estimate.reason import FAILURE, FINE, by_weight, is_sound, judged, warnings
 from whiskjax.estimate.variance_components import Components
@@ -63,7 +63,9 @@ def evidence(covariance=None, prior_share=None, cost=50.0, freedom=50, result=RE
         "words": WORDS,
         "check": CheckTest(4.0, 6, 0.68, ("P1",), (1.2,)),
     }
-    return Evidence(**(fields | more))
+    fields |= more
+    seen = Seen(**{name.name: fields.pop(name.name) for name in dataclasses.fields(Seen)})
+    return Evidence(**fields, seen=seen)
 
 
 def some(which):
@@ -176,7 +178,7 @@ def test_the_first_thing_said_is_the_worst():
 
 
 HOST = ("check points", "sigmas", "kinks")  # they say what was found on the host, or at trace time
-TRACED = ("outlying", "used", "beside", "record", "rows", "shift")
+TRACED = ("outlying", "used", "beside", "record", "code")
 
 
 @pytest.mark.parametrize("check", [c for c in checks.CHECKS if c.kind not in HOST], ids=lambda c: c.kind)
@@ -186,13 +188,14 @@ def test_grades_and_figures_are_the_same_traced_and_in_a_batch(check):
 
     def arrays(e):
         codes = jax.tree.map(lambda a: np.asarray(a), e.estimate.result)
-        own = e.estimate.covariance, e.estimate.prior_share, codes, e.variance_factor, e.tail, float(e.freedom), e.code
-        return *own, *(getattr(e, name) for name in TRACED)
+        own = e.estimate.covariance, e.estimate.prior_share, codes, e.variance_factor, e.tail, float(e.freedom), e.rows, e.shift
+        return *own, *(getattr(e.seen, name) for name in TRACED)
 
-    def judge(covariance, share, result, factor, tail, freedom, code, *rest):
+    def judge(covariance, share, result, factor, tail, freedom, rows, shift, *rest):
         estimate = dataclasses.replace(answers[0].estimate, covariance=covariance, prior_share=share, result=result)
-        fields = {"estimate": estimate, "variance_factor": factor, "tail": tail, "freedom": freedom, "code": code}
-        return check.figures(dataclasses.replace(answers[0], **fields, **dict(zip(TRACED, rest, strict=True))))
+        fields = {"variance_factor": factor, "tail": tail, "freedom": freedom, "rows": rows, "shift": shift}
+        seen = dataclasses.replace(answers[0].seen, **dict(zip(TRACED, rest, strict=True)))
+        return check.figures(dataclasses.replace(answers[0], estimate=estimate, seen=seen, **fields))
 
     stacked = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *map(arrays, answers))
     grades, figures = jax.jit(jax.vmap(judge))(*stacked)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 from whiskjax.estimate import many
+from whiskjax.estimate.checks import CHECKS
 from whiskjax.estimate.lanes import solve_lanes
 from whiskjax.estimate.problem import pose_problem, weigh
 from whiskjax.flights import haian
@@ -54,6 +55,18 @@ def test_each_lane_is_the_calibration_of_its_run(batch, one_by_one):
         assert batch.estimate.freedom[i] == alone.estimate.freedom
     assert batch.estimate.names == one_by_one[0].estimate.names and batch.estimate.places == one_by_one[0].estimate.places
     assert [x.name for x in batch.unknowns] == [x.name for x in one_by_one[0].unknowns]
+
+
+def test_a_batch_has_the_verdicts_of_its_runs(batch, one_by_one, flights):
+    """Of all checks that ask for the estimate alone; and a run whose noise is three times what was said fails alone."""
+    own = [{check.kind: int(check.figures(alone.evidence)[0]) for check in CHECKS} for alone in one_by_one]
+    for kind in ("solution", "consistency", "correlation", "prior alone", "far from the prior"):
+        assert batch.grades[kind].tolist() == [found[kind] for found in own]
+    assert batch.is_sound.all()
+    f = flights[0]
+    seen, noise = f.observations(), np.random.default_rng(5).normal(size=(2, 231, 2))
+    pixel = seen.pixel_px - one_by_one[0].residual_after_px + noise * seen.sigma_px * np.array([1.0, 3.0])[:, None, None]
+    assert wj.calibrate_redrawn(f.sensor, seen, f.unknowns, pixel).is_sound.tolist() == [True, False]
 
 
 def test_one_run_of_a_batch_is_knowledge_and_all_of_them_are_none(batch, flights):

@@ -15,7 +15,7 @@ from ..rules import RESULTS, arrays_of
 from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
 from .checks import CHECKS
 from .estimate import Estimate
-from .evidence import Evidence, Words, kinks, numbered, records
+from .evidence import Evidence, Seen, Words, kinks, numbered, records
 from .linearised import LeastSquares, Linearised, independent
 from .model_test import consistency
 from .observations import Observations
@@ -26,7 +26,14 @@ from .surveys import triangles
 from .unknown import Unknown
 from .variance_components import Components
 
-_REMEDY = "the model lacks something, or the sigmas are too small, or there are blunders"
+WORDS = Words(
+    how="the iteration converged",
+    noun="control points",
+    observed="control observation",
+    residuals="residuals",
+    outliers="control observations were left out as blunders",
+    remedy="the model lacks something, or the sigmas are too small, or there are blunders",
+)
 # Under a robust loss, a residual of more sigmas than this is a blunder and does not count in the model test (chance: 3e-4).
 BLUNDER = 4.0
 
@@ -225,9 +232,21 @@ class Calibration(eqx.Module):
         rows = math.sqrt(math.where(at.used, at._share, 0.0))[:, None, None] * here.rows
         factor, tail, *_ = consistency(at.estimate.cost, at.estimate.freedom) if traced else self.fit
         images = seen.images or ("",) * len(seen)
-        outliers = "control observations were left out as blunders"
+        outliers = WORDS.outliers
         if ready.problem.loss is not None:
             outliers = f"control observations lie beyond {BLUNDER:g} sigma and count as blunders"
+        measured = Seen(
+            candidate=control,
+            used=at.used,
+            outlying=control & ~kept,
+            code=here.unseen,
+            beside=lies_beside(self.sensor, seen.shot, seen.pixel_px) & at.used,
+            record=records(seen.shot, seen.point_m, seen.pixel_px),
+            image=numbered(images),
+            most=self._most,
+            label=seen.label,
+            images=tuple(sorted(set(images))),
+        )
         return Evidence(
             estimate=at.estimate,
             estimated=np.ones(len(at.unknowns), dtype=bool),
@@ -237,20 +256,11 @@ class Calibration(eqx.Module):
             variance_factor=factor,
             freedom=at.estimate.freedom,
             tail=tail,
-            candidate=control,
-            used=at.used,
-            outlying=control & ~kept,
-            code=here.unseen,
-            beside=lies_beside(self.sensor, seen.shot, seen.pixel_px) & at.used,
-            record=records(seen.shot, seen.point_m, seen.pixel_px),
-            image=numbered(images),
-            most=self._most,
             kinks=kinks(self.sensor, at.estimate),
-            label=seen.label,
-            images=tuple(sorted(set(images))),
-            words=Words("the iteration converged", "control points", "control observation", "residuals", outliers, _REMEDY),
+            words=WORDS._replace(outliers=outliers),
             check=None if traced else self.fit.check,
             components=at.components,
+            seen=measured,
         )
 
     @cached_property

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..rules import arrays_of
 from ..rules.results import codes_of, message_of
-from .evidence import Evidence
+from .evidence import Evidence, Seen
 from .model_test import UNLIKELY
 from .posterior import directions, rank_of
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Said, judged
@@ -41,22 +41,28 @@ def probability(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"
 
 
+def _seen(e: Evidence) -> Seen:
+    """The measurements, of which a check found something."""
+    assert e.seen is not None
+    return e.seen
+
+
 def _ended(e: Evidence) -> Figures:
-    code, where = codes_of(e.estimate.result), codes_of(e.code)
+    code, where = codes_of(e.estimate.result), np.zeros(1, dtype=int) if e.seen is None else codes_of(e.seen.code)
     grade = graded(FAILURE, (code != 0) | (where != 0).any(), NOTE)
     return grade, {"code": code, "fail": (where != 0).sum(), "first": (where != 0).argmax()}
 
 
 def _say_ended(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
-    code, where = int(found["code"]), codes_of(e.code)
+    code, where = int(found["code"]), codes_of(_seen(e).code)
     if code and code not in where:
         lost = [n for n, s in zip(e.estimate.names, e.estimate.sigma, strict=True) if not np.isfinite(s)]
         yield f"{message_of(code)}{': ' * bool(lost)}{several(lost)}", {"code": code, "unknowns": lost}
     if (count := int(found["fail"])) > 0:
-        i = int(found["first"])
+        i, label = int(found["first"]), _seen(e).label(int(found["first"]))
         more = f" ({count} of {len(where)} {e.words.noun} fail)" if count > 1 else ""
         hint = f"; {e.words.hint}" if e.words.hint else ""
-        yield f"where the iteration ended, {e.label(i)}: {message_of(int(where[i]))}{more}{hint}", {"measurement": e.label(i)}
+        yield f"where the iteration ended, {label}: {message_of(int(where[i]))}{more}{hint}", {"measurement": label}
     elif not code:
         yield f"{e.words.how}, and measurements and priors determine everything", {}
 
@@ -151,14 +157,17 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 
 def _left_out(e: Evidence) -> Figures:
-    count, there = (which.sum(dtype=float) for which in (e.outlying, e.candidate))
-    return graded(FAILURE, count > e.most * there, graded(CAUTION, count > 0)), {"count": count, "of": there}
+    if (seen := e.seen) is None:
+        return np.asarray(FINE), {}
+    count, there = (which.sum(dtype=float) for which in (seen.outlying, seen.candidate))
+    return graded(FAILURE, count > seen.most * there, graded(CAUTION, count > 0)), {"count": count, "of": there}
 
 
 def _say_left_out(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    seen = _seen(e)
     count, there = int(found["count"]), int(found["of"])
-    named = [e.label(int(i)) for i in np.flatnonzero(e.outlying)]
-    too_many = f": more than {e.most:.0%}, so that the others may be the wrong ones" if count > e.most * there else ""
+    named = [seen.label(int(i)) for i in np.flatnonzero(seen.outlying)]
+    too_many = f": more than {seen.most:.0%}, so that the others may be the wrong ones" if count > seen.most * there else ""
     yield (
         f"{count} of {there} {e.words.outliers}{too_many}: {several(named)}",
         {"count": count, "of": there, "measurements": named},
@@ -170,8 +179,10 @@ LEFT_OUT = Check("left out", _left_out, _say_left_out)
 
 def _lopsided(e: Evidence) -> Figures:
     """Measurements of one image that were left out: if many agree with one another, the others may be the wrong ones."""
-    lost, there = (_count(which, e.image, len(e.images)) for which in (e.outlying, e.candidate))
-    wrong = (lost > _LOPSIDED * there) & (len(e.images) > 1)
+    if (seen := e.seen) is None:
+        return np.asarray(FINE), {}
+    lost, there = (_count(which, seen.image, len(seen.images)) for which in (seen.outlying, seen.candidate))
+    wrong = (lost > _LOPSIDED * there) & (len(seen.images) > 1)
     return graded(CAUTION, wrong.any()), {"lost": lost, "of": there}
 
 
@@ -183,8 +194,9 @@ def _count(which: Any, group: Any, groups: int) -> Any:
 
 
 def _say_lopsided(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    seen = _seen(e)
     for image in np.flatnonzero(found["lost"] > _LOPSIDED * found["of"]).tolist():
-        lost, there, name = int(found["lost"][image]), int(found["of"][image]), e.images[image]
+        lost, there, name = int(found["lost"][image]), int(found["of"][image]), seen.images[image]
         yield (
             f"{lost} of {there} {e.words.noun}{name and f' of image {name}'} were left out as wrong: if they agree with one "
             "another, the others may be the wrong ones",
@@ -197,17 +209,20 @@ LOPSIDED = Check("one image", _lopsided, _say_lopsided)
 
 def _copies(e: Evidence) -> Figures:
     """Measurements that are copies: sorted, each equals the one before."""
-    math_ = arrays_of((e.record, e.used))
-    order = math_.lexsort((*e.record.T, ~e.used))
-    rows, used = e.record[order], e.used[order]
+    if (seen := e.seen) is None:
+        return np.asarray(FINE), {}
+    math_ = arrays_of((seen.record, seen.used))
+    order = math_.lexsort((*seen.record.T, ~seen.used))
+    rows, used = seen.record[order], seen.used[order]
     copies = ((rows[1:] == rows[:-1]).all(axis=1) & used[1:]).sum()
     return graded(CAUTION, copies > 0), {"copies": copies}
 
 
 def _say_copies(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
-    index = np.flatnonzero(e.used)
-    _, first, count = np.unique(e.record[index], axis=0, return_index=True, return_counts=True)
-    groups = [(e.label(int(index[i])), int(c)) for i, c in zip(first, count, strict=True) if c > 1]
+    seen = _seen(e)
+    index = np.flatnonzero(seen.used)
+    _, first, count = np.unique(seen.record[index], axis=0, return_index=True, return_counts=True)
+    groups = [(seen.label(int(index[i])), int(c)) for i, c in zip(first, count, strict=True) if c > 1]
     label, c = groups[0]
     more = f", and {len(groups) - 1} more have copies" if len(groups) > 1 else ""
     yield (
@@ -220,12 +235,15 @@ COPIES = Check("copies", _copies, _say_copies)
 
 
 def _beside(e: Evidence) -> Figures:
-    return graded(CAUTION, e.beside.any()), {"count": e.beside.sum(), "first": e.beside.argmax()}
+    if (seen := e.seen) is None:
+        return np.asarray(FINE), {}
+    return graded(CAUTION, seen.beside.any()), {"count": seen.beside.sum(), "first": seen.beside.argmax()}
 
 
 def _say_beside(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
-    label, count = e.label(int(found["first"])), int(found["count"])
-    more = f" ({count} of {len(e.used)} do)" if count > 1 else ""
+    seen = _seen(e)
+    label, count = seen.label(int(found["first"])), int(found["count"])
+    more = f" ({count} of {len(seen.used)} do)" if count > 1 else ""
     yield (
         f"{label} lies far beside the detector{more}: are line and sample exchanged, does a number stand for missing data, or "
         "has the detector another size?",

@@ -35,32 +35,16 @@ class Words(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Evidence:
-    """An answer of k numbers from n measurements, as its checks see it; arrays may be traced.
+class Seen:
+    """n measurements, as the checks see them; arrays, (n,) each, may be traced.
 
-    - `estimate`; `estimated`: which of its numbers were, and not only considered, (k,); `shift`: how many prior sigmas each lies
-      from its prior mean, NaN without a prior, (k,).
-    - `scale`: what one whitened unit of each number is, (k,); `rows`: a root of what the data alone know of the whitened numbers,
-      priors left out, (m, k), None where it was not kept.
-    - `variance_factor`, of `freedom` degrees, and its `tail` probability: of the residuals (model_test.py).
-    - `candidate`: measurements that could take part; `used`: those that decided; `outlying`: candidates that count as blunders;
-      `code`: results of measurements that the sensor cannot have made where the answer ended; `beside`: used, and measured far
-      beside the detector; `record`: numbers that tell one measurement from another; `image`: where each belongs. (n,) each.
-    - `most`: the largest share that may be outlying.
-    - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
-    - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
-    - `label`: names a measurement; `images`: names of `image`.
-    - `words`: of the verb, for sentences.
+    - `candidate`: which could take part; `used`: which decided; `outlying`: candidates that count as blunders; `most`: the
+      largest share that may.
+    - `code`: results of those that the sensor cannot have made where the answer ended; `beside`: used, and measured far beside
+      the detector; `record`: numbers that tell one from another, (n, d); `image`: where each belongs, by its number in `images`.
+    - `label`: names one for people.
     """
 
-    estimate: Estimate
-    estimated: Bool[Any, " k"]
-    shift: Float[Any, " k"]
-    scale: Float[Any, " k"]
-    rows: Float[Any, "m k"] | None
-    variance_factor: Float[Any, ""]
-    freedom: Int[Any, ""] | int
-    tail: Float[Any, ""]
     candidate: Bool[Any, " n"]
     used: Bool[Any, " n"]
     outlying: Bool[Any, " n"]
@@ -69,12 +53,37 @@ class Evidence:
     record: Float[Any, "n d"]
     image: Int[np.ndarray, " n"]
     most: float
-    kinks: tuple[tuple[str, str], ...]
     label: Callable[[int], str]
     images: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """An answer of k numbers, as its checks see it; arrays may be traced.
+
+    - `estimate`; `estimated`: which of its numbers were, and not only considered, (k,); `shift`: how many prior sigmas each lies
+      from its prior mean, NaN without a prior, (k,).
+    - `scale`: what one whitened unit of each number is, (k,); `rows`: a root of what the data alone know of the whitened numbers,
+      priors left out, (m, k), None where it was not kept.
+    - `variance_factor`, of `freedom` degrees, and its `tail` probability: of the residuals (model_test.py).
+    - `words`: of the verb, for sentences; `seen`: the measurements, where they were kept.
+    - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
+    - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
+    """
+
+    estimate: Estimate
+    estimated: Bool[Any, " k"]
+    shift: Float[Any, " k"]
+    variance_factor: Float[Any, ""]
+    freedom: Int[Any, ""] | int
+    tail: Float[Any, ""]
     words: Words
+    scale: Float[Any, " k"] | None = None
+    rows: Float[Any, "m k"] | None = None
+    seen: Seen | None = None
     check: CheckTest | None = None
     components: Components | None = None
+    kinks: tuple[tuple[str, str], ...] = ()
 
 
 def records(shot: Shot, *columns: Any) -> Float[Any, "n d"]:

@@ -7,17 +7,18 @@ and forgotten share by share, so that memory does not grow with their number.
 
 import dataclasses
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..algebra.vectors import stack
 from ..chain.extremes import MOST, refuse_extremes
@@ -26,12 +27,17 @@ from ..chain.shot import KEYS
 from ..rules import RESULTS, Arrays, SensorError, WhiskjaxError, first_failure, need, require_x64
 from ..rules.progress import tell
 from ..rules.results import codes_of
+from .calibration import WORDS
+from .checks import CHECKS
 from .estimate import Estimate
+from .evidence import Evidence
 from .given import Given, Knowledge, given, posed
 from .lanes import Lanes, solve_lane
 from .linearised import LeastSquares, impossible, pixels, prepare, refuse
+from .model_test import consistency
 from .observations import Observations
 from .problem import Layout, Problem, by_observation
+from .reason import FAILURE, grades
 from .unknown import Unknown
 
 _SHARE = 250  # lanes in one compiled call: fewer pay for the call, more leave a core idle at the end
@@ -63,6 +69,30 @@ class Batch(eqx.Module):
     def is_successful(self) -> np.ndarray:
         """Which runs ended well, (runs,)."""
         return codes_of(self.result) == 0
+
+    @cached_property
+    def grades(self) -> dict[str, Int[np.ndarray, " runs"]]:
+        """The grade that each check gives each run: 0 nothing to say, 1 note, 2 caution, 3 failure.
+
+        Checks of the estimate alone: how it ended, consistency, correlations, priors. What asks for measurements one by one is
+        told by `calibrate` of that run.
+        """
+        mean, sigma = (
+            jnp.asarray([math.nan if number is None else number for number in numbers], dtype=float)
+            for numbers in ([x.mean for x in self.unknowns], [x.sigma for x in self.unknowns])
+        )
+
+        def of(estimate: Estimate) -> dict[str, Array]:
+            factor, tail, _ = consistency(estimate.cost, estimate.freedom)
+            shift, everyone = (estimate.value - mean) / sigma, np.ones(len(self.unknowns), dtype=bool)
+            return grades(CHECKS, Evidence(estimate, everyone, shift, factor, estimate.freedom, tail, WORDS))
+
+        return jax.tree.map(lambda a: np.broadcast_to(a, len(self.value)), jax.jit(jax.vmap(of))(self.estimate))
+
+    @property
+    def is_sound(self) -> Bool[np.ndarray, " runs"]:
+        """Which runs no check of the estimate fails."""
+        return np.max(list(self.grades.values()), axis=0) < FAILURE
 
 
 class _Solved(NamedTuple):

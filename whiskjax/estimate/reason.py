@@ -56,6 +56,11 @@ def judged(checks: Sequence[Check[Evidence]], evidence: Evidence) -> list[Reason
     return found
 
 
+def grades(checks: Sequence[Check[Evidence]], evidence: Evidence) -> dict[str, Any]:
+    """By the kind of each check the grade that it gives: 0 nothing to say, 1 note, 2 caution, 3 failure. Traceable."""
+    return {check.kind: check.figures(evidence)[0] for check in checks}
+
+
 def by_weight(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
     """Failures first, then cautions, then notes; else in their order."""
     return tuple(sorted(reasons, key=lambda reason: -_GRADES.index(reason.grade)))

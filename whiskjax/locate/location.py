@@ -12,7 +12,7 @@ from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.checks import CHECKS
 from ..estimate.estimate import Estimate
-from ..estimate.evidence import Evidence, Words
+from ..estimate.evidence import Evidence, Seen, Words
 from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
 from ..estimate.reason import Reason, by_weight, is_sound, judged, warnings
 from ..rules import RESULTS, Numbers, arrays_of
@@ -129,15 +129,7 @@ class Location(eqx.Module):
         how = (
             "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
         )
-        return Evidence(
-            estimate=self.estimate,
-            estimated=np.array(self.is_estimated, dtype=bool),
-            shift=self.shift,
-            scale=np.ones(len(self.is_estimated)),
-            rows=None,
-            variance_factor=consistency(self.chi_square, self.estimate.freedom)[0],
-            freedom=self.estimate.freedom,
-            tail=self._tail,
+        measured = Seen(
             candidate=looks.counts,
             used=looks.is_used,
             outlying=looks.counts & ~looks.passes,
@@ -146,10 +138,20 @@ class Location(eqx.Module):
             record=self.record,
             image=np.zeros(n, dtype=int),
             most=0.5,
-            kinks=self.kinks,
             label=_label,
             images=("",),
+        )
+        return Evidence(
+            estimate=self.estimate,
+            estimated=np.array(self.is_estimated, dtype=bool),
+            shift=self.shift,
+            scale=np.ones(len(self.is_estimated)),
+            variance_factor=consistency(self.chi_square, self.estimate.freedom)[0],
+            freedom=self.estimate.freedom,
+            tail=self._tail,
+            kinks=self.kinks,
             words=Words(how, "looks", "look", "innovations", "looks did not pass the gate", _REMEDY),
+            seen=measured,
         )
 
     @property

@@ -20,7 +20,7 @@ from ..check_points import CheckTest
 from ..checks import CHECKS
 from ..errors import FrameErrors
 from ..estimate import Estimate
-from ..evidence import Evidence, Words, kinks, numbered, records
+from ..evidence import Evidence, Seen, Words, kinks, numbered, records
 from ..model_test import consistency
 from ..reason import Reason, by_weight, is_sound, judged, warnings
 from ..unknown import Unknown
@@ -197,6 +197,18 @@ class Adjustment(eqx.Module):
         position = math.where(tie[block.point][:, None], 0.0, math.nan_to_num(block.position_m[block.point]))
         names = block.images or tuple(map(str, block.key("image") if block.key("image") is not None else ("",) * len(block)))
         factor, tail, _ = consistency(at.cost, at.freedom)
+        measured = Seen(
+            candidate=candidate,
+            used=at.used,
+            outlying=candidate & ~at.used,
+            code=at._code,
+            beside=lies_beside(self.sensor, block.shots(), block.pixel_px) & at.used,
+            record=records(block.shots(), np.where(tie, np.arange(len(tie)), -1)[block.point], position, block.pixel_px),
+            image=numbered(names),
+            most=_MOST,
+            label=block.ray_label,
+            images=tuple(sorted(set(names))),
+        )
         return Evidence(
             estimate=at.estimate,
             estimated=np.ones(len(at.unknowns), dtype=bool),
@@ -206,20 +218,11 @@ class Adjustment(eqx.Module):
             variance_factor=factor,
             freedom=at.freedom,
             tail=tail,
-            candidate=candidate,
-            used=at.used,
-            outlying=candidate & ~at.used,
-            code=at._code,
-            beside=lies_beside(self.sensor, block.shots(), block.pixel_px) & at.used,
-            record=records(block.shots(), np.where(tie, np.arange(len(tie)), -1)[block.point], position, block.pixel_px),
-            image=numbered(names),
-            most=_MOST,
             kinks=kinks(self.sensor, at.estimate),
-            label=block.ray_label,
-            images=tuple(sorted(set(names))),
             words=_WORDS,
             check=None if traced or int(codes_of(self.result)) else self.check,
             components=at.components,
+            seen=measured,
         )
 
     @cached_property
