@@ -99,7 +99,7 @@ def test_records_of_looks_have_derivatives_by_the_path(path):
         recorded, pixel = tianshan.draw(KEY, traced)
         return jnp.concatenate([*jax.tree.leaves(recorded), pixel.ravel()])
 
-    found, expected = jax.jacfwd(of)(jnp.zeros(2)), differences(of, np.zeros(2), 1.0)
+    found, expected = jax.jit(jax.jacfwd(of))(jnp.zeros(2)), differences(of, np.zeros(2), 1.0)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-10)
     np.testing.assert_allclose(jax.jit(of)(jnp.zeros(2)), of(np.zeros(2)), rtol=1e-12, atol=1e-12)
 

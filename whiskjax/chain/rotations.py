@@ -40,7 +40,7 @@ def angles_from_rotation(rotation: Mat3, order: str) -> Vec3:
     first = jnp.arctan2(-sign * r[j][k], r[k][k])
     s, c = sincos(first)
     left = tuple(c * a + sign * s * b for a, b in zip(r[j], r[k], strict=True))
-    middle = jnp.arctan2(sign * r[i][k], jnp.hypot(r[j][k], r[k][k]))
+    middle = jnp.arctan2(sign * r[i][k], c * r[k][k] - sign * s * r[j][k])
     return first, middle, jnp.arctan2(sign * left[i], left[j])
 
 

@@ -101,7 +101,11 @@ class Refraction(eqx.Module):
         # From here on the nodes are the last axis; the height of a node lies in a layer that is known while tracing.
         platform, drop, radius = (a[..., None] for a in jnp.broadcast_arrays(platform, drop, radius))
         layer, node, weight = (table.reshape(*(1,) * (drop.ndim - 1), -1) for table in _quadrature())
-        low, high = (jnp.clip(height, LAYERS_M[layer], LAYERS_M[layer + 1]) for height in (platform - drop, platform))
+        floor, ceiling = LAYERS_M[layer], LAYERS_M[layer + 1]
+        low, high = (
+            jnp.where(height < floor, floor, jnp.where(height > ceiling, ceiling, height))
+            for height in (platform - drop, platform)
+        )
         height = low + (high - low) * node
         refractivity = self.scale * (sea_level_refractivity(self.wavelength_um) / SEA_LEVEL_DENSITY_KGPM3)
         in_air = platform < HIGHEST_M

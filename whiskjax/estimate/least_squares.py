@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ..algebra.vectors import Vec2
 from ..chain.parameters import once
-from ..rules import RESULTS, first_failure
+from ..rules import RESULTS, compiled, first_failure
 from ..rules.results import failure_if
 from .columns import columns
 from .problem import Group, Problem, residuals
@@ -63,8 +63,7 @@ class _LevenbergMarquardt(optx.LevenbergMarquardt):
         self.search = _Search()
 
 
-@eqx.filter_jit
-def levenberg_marquardt(problem: Problem, start: Float[Array, " unknowns"], max_steps: int = 100) -> Solved:
+def _levenberg_marquardt(problem: Problem, start: Float[Array, " unknowns"], max_steps: int = 100) -> Solved:
     """Minimise by optimistix's Levenberg-Marquardt in whitened unknowns.
 
     **Arguments:**
@@ -79,6 +78,9 @@ def levenberg_marquardt(problem: Problem, start: Float[Array, " unknowns"], max_
     stopped = solution.result != optx.RESULTS.successful
     result = first_failure(failure_if(~finite, RESULTS.nonfinite), failure_if(stopped, RESULTS.not_converged))
     return Solved(solution.value, solution.state.num_accepted_steps - 1, result)
+
+
+levenberg_marquardt = compiled(_levenberg_marquardt, lambda problem, *_: problem.size, often=True)
 
 
 def normal_equations(problem: Problem, u: Float[Array, " unknowns"]) -> Float[Array, "unknowns+1 unknowns+1"]:

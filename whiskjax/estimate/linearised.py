@@ -192,7 +192,7 @@ def solve(ready: LeastSquares, used: Bool[np.ndarray, " n"], max_steps: int) -> 
 def linearise(ready: LeastSquares, u: Float[np.ndarray, " k"]) -> Linearised:
     """Residuals and derivatives of all observations at whitened unknowns."""
     n = len(ready.observations)
-    whitened, rows, unseen = _fenced(_evaluate, ready.problem, jnp.asarray(u))
+    whitened, rows, unseen = _fenced(_evaluated, ready.problem, jnp.asarray(u))
     whitened, rows, unseen = (by_observation(part, ready.indices, n) for part in (_stacked(whitened), _stacked(rows), unseen))
     math = arrays_of((whitened, ready.weight))
     w00, w10, w11 = ready.weight.T
@@ -334,11 +334,6 @@ def _begin(problem: Problem, start: Array):
     return before, follows, unseen
 
 
-# Both run once: what they cost to compile is more than they save.
-_baked, _begun = (compiled(of, lambda problem, _: sum(len(group.pixel[0]) for group in problem.groups)) for of in (_bake, _begin))
-
-
-@eqx.filter_jit
 def _evaluate(problem: Problem, u: Array):
     """For each group: whitened residuals (x, y), their derivatives (x, y), (unknowns, n) each, and failure codes."""
     after, rows, unseen = [], [], []
@@ -351,3 +346,7 @@ def _evaluate(problem: Problem, u: Array):
         rows.append(tuple(jnp.pad(c, ((0, len(u) - len(order)), (0, 0)))[place] for c in found.by))
         unseen.append(_codes(sensor, group, found.inside))
     return after, rows, unseen
+
+
+_baked, _begun = (compiled(of, lambda problem, _: problem.size) for of in (_bake, _begin))
+_evaluated = compiled(_evaluate, lambda problem, _: problem.size, often=True)

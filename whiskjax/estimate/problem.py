@@ -61,6 +61,11 @@ class Problem(eqx.Module):
             groups.append(dataclasses.replace(group, shot=shot))
         return dataclasses.replace(self, sensor=sensor, groups=tuple(groups))
 
+    @property
+    def size(self) -> int:
+        """How many observations there are, padding included."""
+        return sum(len(group.pixel[0]) for group in self.groups)
+
     def put(self, u: Float[Array, " unknowns"]) -> Sensor:
         """The sensor with whitened unknowns put in."""
         return self.unknowns.put(self.sensor, u)

@@ -61,7 +61,8 @@ def terrain_m(x_m: Float[np.ndarray, "..."], y_m: Float[np.ndarray, "..."]) -> F
     hills = 110 * math.sin(x_m / 900 + 0.3) * math.cos(y_m / 1100) + 80 * math.sin((x_m + 2 * y_m) / 700)
     high = 1150 * math.exp(-(((x_m + 2400) / 1500) ** 2) - ((y_m - 1300) / 1300) ** 2)
     low = 500 * math.exp(-(((x_m - 2500) / 1300) ** 2) - ((y_m + 1500) / 1200) ** 2)
-    return math.clip(290 + hills + high + low, 100, 1500)
+    height = 290 + hills + high + low
+    return math.where(height < 100, 100.0, math.where(height > 1500, 1500.0, height))
 
 
 def deformation_px(

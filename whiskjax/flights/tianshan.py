@@ -172,7 +172,7 @@ def true_records(scene: Scene) -> Recorded:
     lat_t, lon_t = np.radians(scene.target.lat_deg), np.radians(scene.target.lon_deg)
     north, east, heading = _way(scene)
     xp = arrays_of((north, east))
-    arc, bearing = xp.hypot(north, east), xp.arctan2(east, north)
+    arc, bearing = xp.sqrt(north**2 + east**2), xp.arctan2(east, north)
     lat = xp.arcsin(np.sin(lat_t) * xp.cos(arc) + np.cos(lat_t) * xp.sin(arc) * xp.cos(bearing))
     lon = lon_t + xp.arctan2(xp.sin(bearing) * xp.sin(arc) * np.cos(lat_t), xp.cos(arc) - np.sin(lat_t) * xp.sin(lat))
     target, platform = _ecef(lat_t, lon_t, scene.target.height_m), _ecef(lat, lon, scene.height_m)
@@ -182,7 +182,7 @@ def true_records(scene: Scene) -> Recorded:
     n, e, d = c * sight[2] - s * outward, cl * sight[1] - sl * sight[0], -c * outward - s * sight[2]
     sh, ch = xp.sin(heading), xp.cos(heading)
     x, y = ch * n + sh * e, ch * e - sh * n
-    zero, gimbal = np.zeros(scene.looks), (xp.arctan2(-y, d), xp.arctan2(x, xp.hypot(y, d)))
+    zero, gimbal = np.zeros(scene.looks), (xp.arctan2(-y, d), xp.arctan2(x, xp.sqrt(y**2 + d**2)))
     return Recorded(*map(jnp.asarray, (lat, lon, scene.height_m + zero, zero, zero, heading, *gimbal)))
 
 
