@@ -18,7 +18,8 @@ ARGS ?=
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 # Tests compile thousands of functions and run each a few times: two thirds of the time are saved where XLA hurries. Everything
-# else (notebooks, demo, validation, benchmarks) runs the code as users have it.
+# else (notebooks, demo, validation, benchmarks) runs the code as users have it. Two workers, and one BLAS thread each: four on two
+# cores wait for one another.
 QUICK := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false $(XLA_FLAGS)"
 
 .PHONY: help demo test lowest lint format types notebooks validation bench gate clean distclean
@@ -54,7 +55,7 @@ demo: $(VENV)/.app
 	$(BIN)/whiskjax calibrate examples/haian --out out/haian
 
 test: $(VENV)/.dev
-	$(QUICK) $(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(ONE_THREAD) $(QUICK) $(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 $(LOWEST)/.done: pyproject.toml constraints-lowest.txt | $(BIN)/pip
 	@echo "Installing the lowest versions into $(LOWEST)"

@@ -36,7 +36,7 @@ def test_the_analytic_jacobian_of_the_scipy_peer_is_ours(lanes):
     problem = eqx.combine(jax.tree.map(lambda a: a[i] if eqx.is_array(a) else a, own), common)
     n, rows, residual = batch.POINTS, [], []
     for group in problem.groups:
-        value, by, order = eqx.filter_jit(columns)(problem, group, jnp.asarray(u))
+        value, by, order, _ = eqx.filter_jit(columns)(problem, group, jnp.asarray(u))
         full = np.zeros((n, 2, 15))
         full[:, :, list(order)] = np.stack(by, 0)[..., :n].transpose(2, 0, 1)
         rows.append(full.reshape(2 * n, 15))

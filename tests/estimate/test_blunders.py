@@ -116,9 +116,10 @@ def test_a_large_cluster_is_pointed_at(flight, by_chance):
     there = np.flatnonzero((np.array(observations.images) == "R1") & observations.is_control)
     wrong = there[np.argsort(np.asarray(observations.shot.time_s)[there])][5:31]
     found = wj.calibrate(flight.sensor, spoil(observations, wrong, [60.0, -40.0]), flight.unknowns, blunders=wj.Blunders())
-    said = [w for w in found.warnings if "left out as blunders" in w]
+    said = [reason for reason in found.reasons if reason.kind == "one image"]
     count = 26 + sum("image R1" in name for name in by_chance - names(observations, wrong))
-    assert len(said) == 1 and said[0].startswith(f"{count} of 65 control points of image R1")
+    assert len(said) == 1 and said[0].text.startswith(f"{count} of 65 observations of image R1 were left out")
+    assert said[0].figures == {"image": "R1", "count": count, "of": 65} and said[0].grade == "caution"
 
 
 def test_too_many_blunders_are_not_sound(flight, scattered, cleansed):

@@ -212,7 +212,7 @@ SHEETS = {
     "before the POS": (
         lambda f: f.keep_lines("pos.csv", lambda i: i > 400),
         (
-            "observations.csv, line 5 (image L1, point L1-04)",
+            "observations.csv, line 2 (image L1, point L1-01)",
             "outside the recorded samples",
             "'body' was recorded from 1.89",
             "47 of 231",

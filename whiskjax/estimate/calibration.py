@@ -28,7 +28,7 @@ from .variance_components import Components
 
 WORDS = Words(
     how="the iteration converged",
-    noun="control points",
+    noun="observations",
     observed="control observation",
     residuals="residuals",
     outliers="control observations were left out as blunders",
