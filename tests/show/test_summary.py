@@ -8,7 +8,7 @@ import pytest
 
 from tests.show.invented import invented
 from whiskjax.estimate.check_points import CheckTest
-from whiskjax.estimate.checks import probability
+from whiskjax.estimate.reason import probability
 from whiskjax.estimate.unknown import Unknown
 from whiskjax.estimate.variance_components import Components
 from whiskjax.files.schema import UnknownTable

@@ -86,6 +86,12 @@ class Evidence:
     kinks: tuple[tuple[str, str], ...] = ()
 
 
+def seen_by(e: Evidence) -> Seen:
+    """The measurements, of which a check found something."""
+    assert e.seen is not None
+    return e.seen
+
+
 def records(shot: Shot, *columns: Any) -> Float[Any, "n d"]:
     """Numbers that tell one measurement from another: time, keys and those given, (n,) or (n, m) each."""
     n = len(columns[0])

@@ -5,10 +5,13 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..rules import arrays_of
+
 Grade = Literal["failure", "caution", "note"]
 
 # What a check returns, as numbers that can be traced: 0 has nothing to say.
 FINE, NOTE, CAUTION, FAILURE = range(4)
+_NAMED = 10
 _GRADES: tuple[Grade, ...] = ("note", "note", "caution", "failure")
 
 
@@ -29,6 +32,7 @@ class Reason(NamedTuple):
 
 
 Said = tuple[str, Mapping[str, Any]]
+Figures = tuple[Any, dict[str, Any]]
 Evidence = TypeVar("Evidence")
 
 
@@ -41,7 +45,7 @@ class Check(NamedTuple, Generic[Evidence]):
     """
 
     kind: str
-    figures: Callable[[Evidence], tuple[Any, dict[str, Any]]]
+    figures: Callable[[Evidence], Figures]
     sentences: Callable[[dict[str, Any], Evidence], Iterable[Said]]
 
 
@@ -74,3 +78,18 @@ def is_sound(reasons: Iterable[Reason]) -> bool:
 def warnings(reasons: Iterable[Reason]) -> tuple[str, ...]:
     """The sentences of failures and cautions."""
     return tuple(reason.text for reason in reasons if reason.grade != "note")
+
+
+def graded(grade: int, where: Any, otherwise: Any = FINE) -> Any:
+    """A grade where a condition holds."""
+    return arrays_of((where, otherwise)).where(where, grade, otherwise)
+
+
+def several(names: Sequence[str]) -> str:
+    """Names in a row: the first ten, and how many there are."""
+    return ", ".join(names[:_NAMED]) + (f", ... ({len(names)})" if len(names) > _NAMED else "")
+
+
+def probability(p: float) -> str:
+    """A probability for people: below a millionth its exact size says nothing."""
+    return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"

@@ -8,8 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..estimate.checks import Figures, graded
-from ..estimate.reason import CAUTION, Check, Said
+from ..estimate.reason import CAUTION, Check, Figures, Said, graded
 from ..rules import RESULTS
 from ..rules.results import codes_of, is_successful, message_of
 

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...rules import arrays_of, plain
-from ..checks import Figures, graded, several
-from ..reason import CAUTION, Check, Said
+from ..reason import CAUTION, Check, Figures, Said, graded, several
 from .block import Block
 from .connect import connections
 

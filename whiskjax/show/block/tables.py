@@ -1,6 +1,6 @@
 """Tables of an adjusted block, for the terminal and for the report."""
 
-from ...estimate.checks import PRIOR_ONLY
+from ...estimate.number_checks import PRIOR_ONLY
 from ..plain import Summary
 from ..scales import axes_in, axes_in_words, caption, one_keys, size_keys
 from ..tables import Cell, Table, decimals_among, decimals_of, fixed, percent, short, weights

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...estimate.checks import probability
+from ...estimate.reason import probability
 from ..page import render
 from ..plain import Summary
 from ..style import Drawing

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...estimate.checks import PRIOR_ONLY
+from ...estimate.number_checks import PRIOR_ONLY
 from ..plain import Summary
 from ..style import CHECK, CONTROL, INK, MUTED, NORMAL, SMALL, Drawing, dress, new_figure, shortened
 from ..tables import decimals_of, fixed

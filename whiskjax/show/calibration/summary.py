@@ -8,7 +8,7 @@ theirs in `unit` (degrees, metres, milliseconds, pixels).
 import numpy as np
 
 from ...estimate.calibration import Calibration
-from ...estimate.checks import CORRELATED, PRIOR_ONLY
+from ...estimate.number_checks import CORRELATED, PRIOR_ONLY
 from ...flights.flight import Flight
 from ..plain import Summary, check, fit, number, solver, verdict, versions, weights
 from ..scales import in_words, one_sizes, units_in_words

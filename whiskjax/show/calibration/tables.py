@@ -5,7 +5,8 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from ...estimate.checks import PRIOR_ONLY, probability
+from ...estimate.number_checks import PRIOR_ONLY
+from ...estimate.reason import probability
 from ...estimate.selection import Comparison
 from ..plain import Summary
 from ..scales import UNITS, axes_in, axes_in_words, caption, one_keys, size_keys

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...estimate.checks import probability
 from ...estimate.model_test import UNLIKELY, chi_square_tail
-from ...estimate.reason import Reason, by_weight, warnings
+from ...estimate.reason import Reason, by_weight, probability, warnings
 from ...rules import RESULTS
 from ..plain import Summary, number, verdict, versions
 from ..scales import in_words, one_sizes, units_in_words

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...estimate.checks import probability
 from ...estimate.model_test import UNLIKELY
+from ...estimate.reason import probability
 from ..plain import Summary, number
 from ..scales import axes_in, caption, one_keys, scale_columns, scale_values
 from ..sheets import write_csv
