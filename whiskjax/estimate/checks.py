@@ -92,7 +92,7 @@ def _say_checked(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
         return
     tail = float(found["tail_probability"])
     figures = {"factor": e.check.factor, "degrees_of_freedom": e.check.freedom, "tail_probability": tail}
-    times = f"{e.check.factor:.3g} times as large as the covariance of the answer, their own and their measurements' say"
+    times = f"{e.check.factor:.3g} times as large as the covariances of the answer, the points and their measurements predict"
     if e.check.agrees:
         chance = f"which is consistent (probability of more by chance: {probability(tail)})"
         yield f"the differences at the check points are {times}, {chance}", figures
