@@ -25,7 +25,8 @@ def weakest(model: Model, prior: Belief, solved: Solved) -> tuple[Float[Array, "
         own = own - information[:3, 3:] @ jnp.linalg.solve(rest + jnp.linalg.inv(known), information[3:, :3])
     # An eigenvalue below rounding is none: the sigma then is beyond any distance.
     values, vectors = jnp.linalg.eigh(own)
-    least = jnp.maximum(values[0], 1e-14 * values[2])
+    rounding = 1e-14 * values[2]
+    least = jnp.where(values[0] > rounding, values[0], rounding)
     return vectors[:, 0], 1 / jnp.sqrt(least)
 
 
@@ -55,5 +56,6 @@ def has_diverged(
 def convergence(sight: Float[Array, "looks 3"], used: Bool[Array, " looks"]) -> Float[Array, ""]:
     """The largest angle between two of the used lines of sight (unit vectors), in radians; zero for fewer than two."""
     both = used[:, None] & used[None, :]
-    difference = jnp.linalg.norm(jnp.where(both[:, :, None], sight[:, None, :] - sight[None, :, :], 0.0), axis=-1)
-    return 2 * jnp.arcsin(jnp.minimum(1.0, difference.max() / 2))
+    difference = jnp.linalg.norm(jnp.where(both[:, :, None], sight[:, None, :] - sight[None, :, :], 0.0), axis=-1).ravel()
+    half = difference[difference.argmax()] / 2  # the derivative of a maximum asks for equality, which computing anew spoils
+    return 2 * jnp.arcsin(jnp.where(half < 1, half, 1.0))
