@@ -37,7 +37,7 @@ def _race(solve: Callable[[Problem], Any], problem: Problem, steps: int, same: f
     arrays, static = eqx.partition(problem, eqx.is_array)
     leaves, tree = jax.tree.flatten(arrays)
     ours, compile_s = compiled(lambda leaves: solve(eqx.combine(jax.tree.unflatten(tree, leaves), static)), leaves)
-    mean, sigma = np.array(problem.mean), np.array(problem.scale)
+    mean, sigma = np.array(problem.unknowns.mean), np.array(problem.unknowns.scale)
     peer = peers.prepared_gauss_newton(baked_for_peer(control_points()), mean, sigma, steps)
     np.testing.assert_allclose(ours(leaves), (peer() - mean) / sigma, rtol=0, atol=same)
     return race(lambda: ours(leaves), peer, compile_s=compile_s, note=f"{steps} steps each")

@@ -11,8 +11,11 @@ from jaxtyping import Array, Bool, Float
 from ..algebra.implicit import stationary
 from ..algebra.vectors import mul
 from .filter import Belief
+from .innovations import whitened
 from .model import Expected, Model
 
+# Steps in posterior sigmas below which nothing moves any more.
+_ENDED_SIGMAS = 1e-9
 # The gate closes in rounds, so that looks that bend the first solution do not take good ones with them.
 _GATES = (64.0, 16.0, 4.0, 1.0)
 
@@ -20,16 +23,17 @@ _GATES = (64.0, 16.0, 4.0, 1.0)
 class Equations(NamedTuple):
     """All looks, linearised at a state of the last look; residuals, rows and noise in sigmas of the pixel.
 
-    `noise` is the covariance of each look's, `joint` that of all looks together where their errors have something in common;
-    `weight` is the inverse of the one or the other, zero for looks left out; `data` the information of the looks alone,
-    `formal` the covariance of what is estimated as if what is considered were known, zero there.
+    `noise` is the covariance of each look's by itself, `effects` what a sigma of each error that looks have in common does to it;
+    `white` and `white_rows` are residual and rows over a factor of the covariance of all looks, zero for looks left out; `data` is
+    the information of the looks alone, `formal` the covariance of what is estimated as if what is considered were known, zero there.
     """
 
     residual: Float[Array, "looks 2"]
     rows: Float[Array, "looks 2 n"]
     noise: Float[Array, "looks 2 2"]
-    weight: Float[Array, "looks 2 2"] | Float[Array, "looks 2 looks 2"]
-    joint: Float[Array, "looks 2 looks 2"] | None
+    effects: Float[Array, "looks 2 m"]
+    white: Float[Array, "looks 2"]
+    white_rows: Float[Array, "looks 2 n"]
     counts: Bool[Array, " looks"]
     data: Float[Array, "n n"]
     formal: Float[Array, "n n"]
@@ -66,20 +70,23 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
     held, mean_held, information_held = jax.lax.stop_gradient((model, mean, information))
 
     def iterate(state: Array, used: Array) -> tuple[Array, Array]:
-        def once(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-            state, _ = carry
+        def once(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            i, state, _ = carry
             found = equations(held, information_held, state, used)
             step = found.formal @ _slope(found, state, mean_held, information_held)
             sigma = jnp.sqrt(jnp.diag(found.formal))
-            return state + step, jnp.abs(step / jnp.where(sigma > 0, sigma, 1.0)).max()
+            return i + 1, state + step, jnp.abs(step / jnp.where(sigma > 0, sigma, 1.0)).max()
 
-        return jax.lax.fori_loop(0, steps, once, (state, jnp.zeros(())))
+        def goes_on(carry: tuple[Array, Array, Array]) -> Array:
+            return (carry[0] < steps) & (carry[2] > _ENDED_SIGMAS)
+
+        return jax.lax.while_loop(goes_on, once, (jnp.zeros((), int), state, jnp.full((), jnp.inf)))[1:]
 
     used = jnp.ones(model.pixel_px[0].shape, dtype=bool)
     state, step = iterate(jax.lax.stop_gradient(start), used)
     for limit in () if gate_nis is None else (wider * gate_nis for wider in _GATES):
         found = equations(held, information_held, state, used)
-        used = _nis(found, _residual_covariance(found, jax.lax.stop_gradient(spread), estimated, used)) <= limit
+        used = _nis(found, _residual_covariance(held, found, jax.lax.stop_gradient(spread), estimated, used)) <= limit
         state, step = iterate(state, used)
 
     def vanishes(state: Array, model: Model, mean: Array, information: Array, start: Array, used: Array) -> Array:
@@ -89,9 +96,9 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
     state = stationary(vanishes, state, model, mean, information, start, used)
     found = equations(model, information, state, used)
     effect = considered(found, estimated)
-    residual_covariance = _residual_covariance(found, spread, estimated, used)
+    residual_covariance = _residual_covariance(model, found, spread, estimated, used)
     away = state - mean
-    cost = _weighed(found.residual, found.weight, found.residual) + away @ information @ away
+    cost = (found.white**2).sum() + away @ information @ away
     return Solved(
         state,
         found.formal + effect @ spread @ effect.T,
@@ -106,7 +113,7 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
 
 def _slope(found: Equations, state: Array, mean: Array, information: Array) -> Float[Array, " n"]:
     """Minus half the slope of the cost, weights held."""
-    return _weighed(found.rows, found.weight, found.residual) + information @ (mean - state)
+    return jnp.einsum("kan,ka->n", found.white_rows, found.white) + information @ (mean - state)
 
 
 def at_last(model: Model, prior: Belief) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
@@ -125,17 +132,19 @@ def equations(
     """Linearise all looks; `information` is that of the prior."""
     seen = _one_by_one(model, state)
     residual, rows, noise = (jnp.stack(seen.residual, -1), _stacked(seen.rows), _pairs(seen.noise))
-    part, joint = seen.counts & used, None
-    if model.remembered.size:
-        joint = _joint(noise, _stacked(seen.effects), model.remembered.kernel())
-        noise, weight = jnp.einsum("kakb->kab", joint), _inverse_of_all(joint, part)
-    else:
-        weight = jnp.where(part[:, None, None], _inverse(noise), 0.0)
-    data = _weighed(rows, weight, rows)
+    effects = _stacked(seen.effects) if model.remembered.size else jnp.zeros((*residual.shape, 0))
+    white = _white(model, noise, effects, seen.counts & used, jnp.concatenate([residual[:, :, None], rows], -1))
+    white, white_rows = white[:, :, 0], white[:, :, 1:]
+    data = jnp.einsum("kan,kam->nm", white_rows, white_rows)
     share = jnp.asarray(model.share, dtype=float)
     both = jnp.outer(share, share)
     formal = jnp.linalg.inv((data + information) * both + jnp.diag(1 - share)) * both
-    return Equations(residual, rows, noise, weight, joint, seen.counts, data, formal)
+    return Equations(residual, rows, noise, effects, white, white_rows, seen.counts, data, formal)
+
+
+def _white(model: Model, noise: Array, effects: Array, part: Array, columns: Array) -> Float[Array, "looks 2 c"]:
+    keep = jnp.stack([*model.remembered.keep], -1) if model.remembered.size else jnp.zeros((len(noise), 0))
+    return whitened(noise, effects, keep, part, columns)
 
 
 def _one_by_one(model: Model, state: Float[Array, " n"]) -> Expected:
@@ -164,43 +173,23 @@ def considered(found: Equations, estimated: Float[Array, " n"]) -> Float[Array, 
 
 
 def _residual_covariance(
-    found: Equations, spread: Float[Array, "n n"], estimated: Float[Array, " n"], used: Bool[Array, " looks"]
+    model: Model, found: Equations, spread: Float[Array, "n n"], estimated: Float[Array, " n"], used: Bool[Array, " looks"]
 ) -> Float[Array, "looks 2 2"]:
     """Of the residuals at the solution: looks that took part were fitted, the others were not."""
     fitted = jnp.einsum("kan,nm,kbm->kab", found.rows, found.formal, found.rows)
     bent = jnp.einsum("kan,nm->kam", found.rows, considered(found, estimated))
-    if found.joint is not None:
-        # R - M R - R M^T + H F H^T with M = H F H^T W: a look left out was predicted by others that share its errors.
-        shared = jnp.einsum("kan,nm,lcm,lcjd,jdkb->kab", found.rows, found.formal, found.rows, found.weight, found.joint)
-        own = found.noise + fitted - shared - shared.swapaxes(1, 2)
-        return own + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
-    sign = jnp.where(used & found.counts, -1.0, 1.0)[:, None, None]
-    return found.noise + sign * fitted + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
-
-
-def _weighed(a: Array, weight: Array, b: Array) -> Array:
-    """a^T W b over all looks; the last axes of a and b, where they have one, stay."""
-    left, right = ("n" if a.ndim == 3 else ""), ("m" if b.ndim == 3 else "")
-    if weight.ndim == 4:
-        return jnp.einsum(f"ka{left},kalb,lb{right}->{left}{right}", a, weight, b)
-    return jnp.einsum(f"ka{left},kab,kb{right}->{left}{right}", a, weight, b)
-
-
-def _joint(
-    noise: Float[Array, "looks 2 2"], effects: Float[Array, "looks 2 m"], kernel: Float[Array, "m looks looks"]
-) -> Float[Array, "looks 2 looks 2"]:
-    """The covariance of all looks: what is new at each, and what they have in common, sums of e_k e_l^T times a correlation."""
-    own = jnp.einsum("kab,kl->kalb", noise, jnp.eye(noise.shape[0]))
-    return own + jnp.einsum("kam,mkl,lbm->kalb", effects, kernel, effects)
-
-
-def _inverse_of_all(joint: Float[Array, "looks 2 looks 2"], part: Bool[Array, " looks"]) -> Float[Array, "looks 2 looks 2"]:
-    """The inverse of the covariance of the looks that take part; zero for the others."""
-    looks = joint.shape[0]
-    both = (part[:, None] & part[None, :])[:, None, :, None]
-    alone = jnp.where(part, 0.0, 1.0)[:, None, None, None] * jnp.eye(2 * looks).reshape(joint.shape)
-    inverse = jnp.linalg.inv((jnp.where(both, joint, 0.0) + alone).reshape(2 * looks, 2 * looks))
-    return jnp.where(both, inverse.reshape(joint.shape), 0.0)
+    part = used & found.counts
+    # R - M R - R M^T + H F H^T with M = H F H^T W, where W R is one for looks that took part ...
+    noise, answered = found.noise, jnp.where(part[:, None, None], fitted, 0.0)
+    if model.remembered.size:
+        # ... and what the others know of the errors that they share, for one that was left out.
+        joint = jnp.einsum("kam,mkl,lbm->kalb", found.effects, model.remembered.kernel(), found.effects)
+        noise = noise + jnp.einsum("kakb->kab", joint)
+        known = _white(model, found.noise, found.effects, part, joint.reshape(*joint.shape[:2], -1)).reshape(joint.shape)
+        shared = jnp.einsum("kan,nm,lcm,lckb->kab", found.rows, found.formal, found.white_rows, known)
+        answered = jnp.where(part[:, None, None], fitted, shared)
+    own = noise + fitted - answered - answered.swapaxes(1, 2)
+    return own + jnp.einsum("kan,nm,kbm->kab", bent, spread, bent)
 
 
 def _nis(found: Equations, covariance: Float[Array, "looks 2 2"]) -> Float[Array, " looks"]:
