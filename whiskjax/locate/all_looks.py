@@ -23,9 +23,9 @@ _GATES = (64.0, 16.0, 4.0, 1.0)
 class Equations(NamedTuple):
     """All looks, linearised at a state of the last look; residuals, rows and noise in sigmas of the pixel.
 
-    `noise` is the covariance of each look's by itself, `effects` what a sigma of each error that looks have in common does to it;
-    `white` and `white_rows` are residual and rows over a factor of the covariance of all looks, zero for looks left out; `data` is
-    the information of the looks alone, `formal` the covariance of what is estimated as if what is considered were known, zero there.
+    `noise` is the covariance of each look by itself, `effects` what a sigma of each error that looks have in common does to it;
+    `white`, `white_rows`: residual and rows over a factor of the covariance of all looks, zero for looks left out; `data`: the
+    information of the looks alone; `formal`: the covariance of what is estimated if what is considered were known, zero there.
     """
 
     residual: Float[Array, "looks 2"]
