@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..algebra.vectors import Vec2, Vec3, apply, columns, cross, matmul, neg, transpose, vadd
-from ..rules import Arrays, need
+from ..rules import Arrays, arrays_of, need, once
 from .imaging import centre
 from .pose import Motion, Pose
 from .sensor import Sensor
@@ -55,9 +55,17 @@ def joint_derivatives(sensor: Sensor, shot: Shot, point: Vec3) -> JointDerivativ
         refract = partial(sensor.refraction.apparent_point, centre(sensor, shot))
         moved = columns(lambda *p: refract(p), point)
         point = refract(point)
-    points = {"earth": point}
-    for name in sensor.names:
-        points[name] = point = poses[name].into(point)
+
+    def inwards() -> list[Vec3]:
+        met = [point]
+        for name in sensor.names:
+            met.append(poses[name].into(met[-1]))
+        return met
+
+    # While tracing, evaluated once: the pass outwards does not repeat the one inwards. (A dict would come back sorted.)
+    met = once(inwards) if arrays_of((poses, point)) is jnp else inwards()
+    points = dict(zip(("earth", *sensor.names), met, strict=True))
+    point = met[-1]
     camera = sensor.camera_at(shot)
     point = tuple(jnp.asarray(c) for c in point)
     derivative = transpose(columns(lambda *q: camera.pixel(q), point))

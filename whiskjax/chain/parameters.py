@@ -5,7 +5,7 @@ knows what every such move does to the pixel: only the one link is differentiate
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -126,22 +126,6 @@ def passages(sensor: Sensor, point: Vec3, found: JointDerivatives, links: Iterab
     """Some links of a sensor, with the rows of the pixel, as the sweep through a ground point met them."""
     outer = dict(zip((*sensor.names, "camera"), found.points.values(), strict=True)) | {"refraction": point}
     return {name: Passage(outer[name], found.derivatives.get(name)) for name in sorted(links)}
-
-
-def once(of: Callable[[], Any], certain: Array) -> Any:
-    """of(), evaluated once: XLA on the CPU evaluates a chain again in each loop that uses it, but not across a conditional.
-
-    **Arguments:** `of`: any pytree; `certain`: True, which the compiler does not know.
-    """
-    rest = []
-
-    def arrays() -> Any:
-        found, other = eqx.partition(of(), eqx.is_array)
-        rest.append(other)
-        return found
-
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(arrays))
-    return eqx.combine(jax.lax.cond(certain, arrays, lambda: nothing), rest[-1])
 
 
 def by_motion(link: AbstractStations, shot: Shot, moved: tuple[Vec3, Vec3], met: Passage) -> list[Vec2]:

@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 
 from ..algebra.vectors import Vec2, Vec3, neg
 from ..chain.joints import joint_derivatives
-from ..chain.parameters import once, passages
+from ..chain.parameters import passages
+from ..rules import once
 from .problem import Group, Problem
 
 
@@ -37,7 +38,7 @@ def columns(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> Swe
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), told)
 
     # That a scale is positive is what the compiler cannot know.
-    residual, met, inside = once(seen, unknowns.scale[0] > 0)
+    residual, met, inside = once(seen)
     if "camera" in met:
         met["camera"] = met["camera"]._replace(rows=((neg(w00), 0), (neg(w10), neg(w11))))
     parts = unknowns.columns(problem.put(u), group.shot, met)

@@ -17,7 +17,7 @@ from ..chain.joints import JointDerivatives, joint_derivatives
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..earth.surface import AbstractSurface
-from ..rules import is_traced
+from ..rules import arrays_of, is_traced, once
 from .errors import FrameErrors, unit_motion
 from .level import frame_from_level
 from .memory import CONSTANT, WHITE
@@ -34,7 +34,7 @@ def white_covariance_px2(
     **Arguments:** `point`: ground points of the exposures, components (n,), world frame, metres; `surface`: what is level, the
     ellipsoid by default.
     """
-    swept, n = joint_derivatives(sensor, shot, point), np.shape(point[0])[0]
+    swept, n = _swept(sensor, shot, point), np.shape(point[0])[0]
     total = jnp.zeros((n, 2, 2))
     for one, k, effect in _effects(errors, sensor, shot, swept, n, surface):
         if one.memory[k] == WHITE:
@@ -57,7 +57,7 @@ def common_columns_px(
 
     **Raises:** `WhiskjaxError` where the shots lack a time or a key, or nobody knows what is up.
     """
-    swept, n = joint_derivatives(sensor, shot, point), np.shape(point[0])[0]
+    swept, n = _swept(sensor, shot, point), np.shape(point[0])[0]
     columns: list[Array] = []
     names: list[str] = []
     for one, k, effect in _effects(errors, sensor, shot, swept, n, surface):
@@ -69,6 +69,13 @@ def common_columns_px(
         name = f"{one.frame} {'turn' if k < 3 else 'shift'} {axis}"
         names += [name] if root.shape[1] == 1 else [f"{name} {i}" for i in range(root.shape[1])]
     return jnp.concatenate(columns, axis=2) if columns else jnp.zeros((n, 2, 0)), tuple(names)
+
+
+def _swept(sensor: Sensor, shot: Shot, point: Vec3) -> JointDerivatives:
+    """By joints; while tracing evaluated once, and not again for each entry of what is stacked of it."""
+    if arrays_of((sensor, shot, point)) is jnp:
+        return once(lambda: joint_derivatives(sensor, shot, point))
+    return joint_derivatives(sensor, shot, point)
 
 
 def _root(one: FrameErrors, shot: Shot, k: int, n: int) -> Float[Array, "n r"]:

@@ -14,8 +14,7 @@ import optimistix as optx
 from jaxtyping import Array, Float, Int
 
 from ..algebra.vectors import Vec2
-from ..chain.parameters import once
-from ..rules import RESULTS, compiled, first_failure
+from ..rules import RESULTS, compiled, first_failure, once
 from ..rules.results import failure_if
 from .columns import columns
 from .problem import Group, Problem, residuals
@@ -127,7 +126,7 @@ def observed_rows(problem: Problem, u: Float[Array, " unknowns"]) -> list[Vec2]:
             parts = [jnp.concatenate([c, r[None]]) for c, r in zip(by, residual, strict=True)]
             return tuple(jnp.zeros((m + 1, part.shape[1])).at[place].set(part) for part in parts)
 
-        whole.append(once(seen, problem.unknowns.scale[0] > 0))
+        whole.append(once(seen))
     if problem.shared is not None:
         whole = problem.shared.independent(whole)
     if problem.loss is None:

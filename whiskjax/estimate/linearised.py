@@ -19,10 +19,9 @@ from ..algebra.vectors import Vec2, Vec3, unstack
 from ..chain.extremes import refuse_extremes
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
-from ..chain.parameters import once
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
-from ..rules import RESULTS, SensorError, arrays_of, compiled, first_failure, plain
+from ..rules import RESULTS, SensorError, arrays_of, compiled, first_failure, once, plain
 from ..rules.results import message_of
 from .columns import columns
 from .error_effects import white_covariance_px2
@@ -209,7 +208,7 @@ def _fenced(of: Any, problem: Problem, u: Array) -> Any:
     """A compiled function's answer; while tracing, a part of the whole that is evaluated once."""
     if arrays_of((problem, u)) is np:
         return of(problem, u)
-    return once(lambda: of(problem, u), problem.unknowns.scale[0] > 0)
+    return once(lambda: of(problem, u))
 
 
 def refine(

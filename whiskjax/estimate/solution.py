@@ -15,8 +15,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
 from ..algebra.implicit import stationary
-from ..chain.parameters import once
-from ..rules import RESULTS
+from ..rules import RESULTS, once
 from .least_squares import Solved, converge, judge, observed_rows
 from .least_squares import levenberg_marquardt as plain_marquardt
 from .problem import Problem, residuals
@@ -42,7 +41,7 @@ def _slope(u: Float[Array, " k"], problem: Problem) -> Float[Array, " k"]:
 
     def cost(u: Array) -> Array:
         # Evaluated once, so that the derivative finds what it needs instead of evaluating the chain again.
-        observed, prior = once(lambda: residuals(u, problem), problem.unknowns.scale[0] > 0)
+        observed, prior = once(lambda: residuals(u, problem))
         return 0.5 * (sum((x * x + y * y).sum() for x, y in observed) + prior @ prior)
 
     return jax.grad(cost)(u)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from ..algebra.vectors import Component, dot, mul, sub
+from ..rules import once
 from .model import Expected, Model
 from .motion import Transition, predict
 from .update import Covariance, Innovation, Rows, State, corrected, gain, innovate, joseph, seen_by
@@ -121,10 +122,13 @@ class _Pass(NamedTuple):
 
 
 def _linearise(look: Model, prior: Belief, state: State) -> _Linear:
-    seen = look.expect(state)
-    crossed = seen_by(prior.covariance, seen.rows)
-    linear = _Linear(seen, crossed, innovate(seen.residual, crossed, seen.rows, seen.noise))
-    return jax.tree.map(jnp.asarray, linear)
+    seen = once(lambda: look.expect(state))
+
+    def innovation() -> _Linear:
+        crossed = seen_by(prior.covariance, seen.rows)
+        return _Linear(seen, crossed, innovate(seen.residual, crossed, seen.rows, seen.noise))
+
+    return jax.tree.map(jnp.asarray, once(innovation))
 
 
 def _upper(covariance: Covariance) -> tuple[Component, ...]:

@@ -11,6 +11,7 @@ from .fixed import Fixed as Fixed
 from .kinds import need as need
 from .kinds import need_flags as need_flags
 from .labels import Labels as Labels
+from .once import once as once
 from .precision import arrays_of as arrays_of
 from .precision import is_traced as is_traced
 from .precision import on_device as on_device

@@ -17,9 +17,9 @@ from jaxtyping import Array, Float
 
 from ...algebra.symmetric import inverse_lower
 from ...algebra.vectors import Component, Vec3, total
-from ...chain.parameters import once
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
+from ...rules import once
 from .rays import Dependence, depend
 from .tiles import Chunk, Tiles, Unknowns
 
@@ -79,13 +79,12 @@ def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width
     """Everything about one chunk that its products are made of."""
     units, rays, points = shape = chunk.pixel[0].shape
     point = tuple(jnp.broadcast_to(c[chunk.tile][:, None, :], shape) for c in at)
-    certain = chunk.units >= 0
 
     def whitened() -> Dependence:
-        found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.others, certain)
+        found = depend(sensor, chunk.shot, point, chunk.pixel, unknowns.stations, unknowns.others)
         return _whitened(found, unknowns, chunk)
 
-    found = once(whitened, certain)
+    found = once(whitened)
     factor, right = _eliminate(found, chunk, at)
     of_units = tuple(c[chunk.tile][:, None, :] for c in factor)
     lower = [forward(of_units, row) for row in found.by_point]  # L^-1 H^T: of x and y, three each

@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from ...algebra.vectors import Component, Vec2, Vec3, vsub
 from ...chain.joints import joint_derivatives
 from ...chain.link import Given
-from ...chain.parameters import Parameters, by_motion, once, passages
+from ...chain.parameters import Parameters, by_motion, passages
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...chain.stations import AbstractStations, motion
+from ...rules import once
 
 
 class Dependence(NamedTuple):
@@ -29,13 +29,11 @@ class Dependence(NamedTuple):
     by_unknown: tuple[tuple[Component, ...], ...]
 
 
-def depend(
-    sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, stations: str | None, unknowns: Parameters, certain: Array
-) -> Dependence:
+def depend(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, stations: str | None, unknowns: Parameters) -> Dependence:
     """Residual = measured - projected of rays, with all derivatives; every component has the shape of the rays.
 
     **Arguments:** `sensor`: with everything put in; `stations`: the link whose stations are unknown, or None; `unknowns`: the
-    others; `certain`: True, which the compiler does not know.
+    others.
     """
     shape = pixel[0].shape
 
@@ -45,8 +43,8 @@ def depend(
     through, moved, carried = sensor, None, shot
     if stations is not None:
         link: AbstractStations = sensor[stations]
-        moved = once(lambda: full(motion(link, shot)), certain)
-        pose = once(lambda: full(link.moved(shot, *moved)), certain)
+        moved = once(lambda: full(motion(link, shot)))
+        pose = once(lambda: full(link.moved(shot, *moved)))
         through, carried = _given(sensor, shot, stations, pose)
     links = {*unknowns.links, *(() if stations is None else (stations,))}
 
@@ -54,7 +52,7 @@ def depend(
         found = joint_derivatives(through, carried, point)
         return full((vsub(pixel, found.pixel), found.derivatives["earth"], passages(sensor, point, found, links)))
 
-    residual, by_point, met = once(seen, certain)
+    residual, by_point, met = once(seen)
     by_six: Any = ((), ())
     if stations is not None and moved is not None:
         by_six = tuple(zip(*by_motion(sensor[stations], shot, moved, met[stations]), strict=True))
