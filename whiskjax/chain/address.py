@@ -4,7 +4,6 @@ The sensor holds radians: its field is `angles_rad`, and a place may be written 
 unit of the numbers that go with it.
 """
 
-import dataclasses
 import re
 from functools import cache
 from typing import Any, NamedTuple
@@ -72,7 +71,7 @@ def is_in_degrees(text: str) -> bool:
 def _step(node: Any, name: str, text: str) -> Any:
     if isinstance(node, By):
         return node[name]
-    fields = [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
+    fields: Any = getattr(type(node), "__dataclass_fields__", ())
     if name not in fields:
         raise WhiskjaxError(f"{text}: {type(node).__name__} has no {name!r}; it has {', '.join(fields)}")
     return getattr(node, name)

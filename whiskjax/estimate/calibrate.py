@@ -95,7 +95,8 @@ def calibrate(
         raise WhiskjaxError(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
-    admit(sensor, [*priors.unknowns, *considered.unknowns])  # a number is either estimated or considered
+    if considered.unknowns:
+        admit(sensor, [*priors.unknowns, *considered.unknowns])  # a number is either estimated or considered
     traced = arrays_of((sensor, observations, priors, considered, errors)) is jnp
     if traced and (blunders is not None or reweigh is not None):
         raise WhiskjaxError("calibrate: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")

@@ -17,7 +17,7 @@ from ..chain.imaging import image
 from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
 from ..chain.shot import KEYS, Shot
-from ..rules import WhiskjaxError, arrays_of, is_traced, on_device
+from ..rules import WhiskjaxError, arrays_of, is_traced
 from ..rules.sizes import rounded
 from .given import Knowledge, given, posed
 from .losses import AbstractLoss
@@ -150,7 +150,7 @@ def _groups(observations: Observations, layout: Layout) -> tuple[Group, ...]:
 def _columns(a: Any) -> tuple[Array, ...]:
     if is_traced(a):
         return tuple(a[:, i] for i in range(a.shape[1]))
-    return tuple(on_device(np.ascontiguousarray(column)) for column in a.T)
+    return tuple(np.ascontiguousarray(a.T))
 
 
 def pose_problem(
