@@ -87,7 +87,15 @@ KINDS = {
     ),
     "true for weights": (lambda: wj.calibrate(SENSOR, OBSERVATIONS, [UNKNOWN], reweigh=True), "reweigh is a bool, but Reweigh"),
     "one considered": (lambda: wj.calibrate(SENSOR, OBSERVATIONS, [UNKNOWN], consider=UNKNOWN), "consider is one Unknown"),
-    "groups in a block": (lambda: wj.adjust(SENSOR, BLOCK, [UNKNOWN], reweigh=wj.Reweigh()), "adjust: reweigh is a Reweigh"),
+    "true for weights of a block": (lambda: wj.adjust(SENSOR, BLOCK, [UNKNOWN], reweigh=True), "reweigh is a bool, but Reweigh"),
+    "groups in a block": (
+        lambda: wj.adjust(SENSOR, BLOCK, [UNKNOWN], reweigh=wj.Reweigh(images=True)),
+        "leave images and axes out of Reweigh",
+    ),
+    "named priors in a block": (
+        lambda: wj.adjust(SENSOR, BLOCK, [UNKNOWN], reweigh=wj.Reweigh(priors={"arms": ["u"]})),
+        "groups of unknowns by name are for calibrate",
+    ),
     "observations for a block": (lambda: wj.adjust(SENSOR, OBSERVATIONS, [UNKNOWN]), "adjust: block is a Observations"),
     "errors as a dict": (lambda: wj.adjust(SENSOR, BLOCK, [], errors={}), "adjust: errors is a dict, but Sequence"),
     "a block for direct": (lambda: wj.direct_positioning(SENSOR, OBSERVATIONS), "direct_positioning: block is a Observations"),

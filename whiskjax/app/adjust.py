@@ -75,6 +75,7 @@ def adjust(
         from ..estimate.block.direct import direct_positioning
         from ..estimate.block.station_errors import has_stations
         from ..estimate.blunders import Blunders
+        from ..estimate.variance_components import Reweigh
         from ..files.read import read_flight
         from ..show.block.adjusted import Adjusted
 
@@ -88,7 +89,7 @@ def adjust(
             found.unknowns,
             errors=[one for one in found.errors if has_stations(one, found.sensor)],
             blunders=Blunders() if blunders else None,
-            reweigh=reweigh,
+            reweigh=Reweigh(priors=True) if reweigh else None,
             max_steps=max_steps,
             throw=False,
         )

@@ -34,22 +34,24 @@ class Reweigh:
 
     **Arguments:**
 
-    - `images`, `axes`: a factor for each image, and for each of the two pixel coordinates; off, all of them share one.
-    - `priors`: False leaves the priors as they are. True makes a group of each link's vector (options of a `By` together), or
-      name the groups: {"lever arm": ["u_gps", "v_gps", "w_gps"]}. A factor shared by three numbers is known to a factor of three
-      or so only, and the covariance takes it as exact: ask for it where priors are guesses, not where they are knowledge.
+    - `images`, `axes`: a factor for each image, and for each of the two pixel coordinates; off, all of them share one. By default
+      on in `calibrate`; a block knows two groups of rays alone, those of tie points and those of surveyed ones.
+    - `priors`: False leaves what is known beforehand as it is. True makes groups of it: in `calibrate` of each link's vector
+      (options of a `By` together), in `adjust` of the recorded attitudes and of the positions. Or name groups of unknowns:
+      {"lever arm": ["u_gps", "v_gps", "w_gps"]}. A factor shared by three numbers is known to a factor of three or so only, and
+      the covariance takes it as exact: ask for it where priors are guesses, not where they are knowledge.
     - `spread`: the given sigmas are right to within this factor, 1-sigma. It keeps groups that the data say nothing of where they
       are, and hardly pulls on the others.
     """
 
-    images: bool = True
-    axes: bool = True
+    images: bool | None = None
+    axes: bool | None = None
     priors: Mapping[str, Sequence[str]] | bool = False
     spread: float = 30.0
 
     def __post_init__(self):
         Arrays("Reweigh").take("spread", self.spread, "")
-        need_flags("Reweigh", images=self.images, axes=self.axes)
+        need_flags("Reweigh", **{name: on for name in ("images", "axes") if (on := getattr(self, name)) is not None})
         if not isinstance(self.priors, bool | Mapping):
             raise WhiskjaxError(f"Reweigh: priors is True, False, or groups of unknowns by name, not {self.priors!r}")
         if not (math.isfinite(self.spread) and self.spread > 1):
@@ -91,9 +93,9 @@ def group(rule: Reweigh, observations: Observations, unknowns: Sequence[Unknown]
 
     **Raises:** `WhiskjaxError` where a group of priors is empty, or names an unknown twice, or one that is not or has no prior.
     """
-    pooled = not rule.images or not len(observations.images)
+    pooled = rule.images is False or not len(observations.images)
     images = ["all images"] * len(observations) if pooled else list(observations.images)
-    axes = _AXES if rule.axes else ("", "")
+    axes = ("", "") if rule.axes is False else _AXES
     labels = [[f"{image} {axis}".strip() for axis in axes] for image in images]
     decide = [pair for pair, control in zip(labels, observations.is_control, strict=True) if control]
     names = list(dict.fromkeys(label for pair in decide for label in pair))

@@ -92,7 +92,9 @@ def test_two_steps_need_pos():
         wj.two_step(mounted, block, [wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)], errors=FREE, mounts=["kappa"])
 
 
-@pytest.mark.parametrize("how", [{}, {"blunders": wj.Blunders()}, {"reweigh": True}], ids=lambda how: "".join(how) or "plain")
+@pytest.mark.parametrize(
+    "how", [{}, {"blunders": wj.Blunders()}, {"reweigh": wj.Reweigh(priors=True)}], ids=lambda how: "".join(how) or "plain"
+)
 def test_points_seen_once_are_left_out_and_listed(how):
     """A tie and a check point: everything is as if their rays had never been measured, and their names are said."""
     sensor, block, _, truth = frames()

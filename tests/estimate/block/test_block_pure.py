@@ -129,8 +129,8 @@ def test_what_is_searched_on_the_host_says_so(scene, amounts):
     def searched(pixel, **how):
         return wj.adjust(sensor, dataclasses.replace(block, pixel_px=pixel), errors=ERRORS, **how).cost
 
-    for how in ({"blunders": wj.Blunders()}, {"reweigh": True}):
-        with pytest.raises(wj.WhiskjaxError, match="adjust: blunders and reweigh search on the host"):
+    for how in ({"blunders": wj.Blunders()}, {"reweigh": wj.Reweigh(priors=True)}):
+        with pytest.raises(wj.WhiskjaxError, match="adjust: Blunders\\(\\) and Reweigh\\(\\) search on the host"):
             jax.jit(lambda pixel, how=how: searched(pixel, **how))(block.pixel_px)
     with pytest.raises(wj.WhiskjaxError, match=r"shot\.image is traced, but keys say what is computed"):
         jax.jit(

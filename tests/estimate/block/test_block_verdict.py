@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
@@ -47,7 +48,9 @@ def test_the_chi_square_is_what_the_block_pays_for_them_as_control(clean):
     assert joined.cost - clean[0].cost == pytest.approx(clean[0].check.chi_square, rel=2e-3)
 
 
-@pytest.mark.parametrize("how", [{}, {"blunders": wj.Blunders()}, {"reweigh": True}], ids=lambda how: "".join(how) or "plain")
+@pytest.mark.parametrize(
+    "how", [{}, {"blunders": wj.Blunders()}, {"reweigh": wj.Reweigh(priors=True)}], ids=lambda how: "".join(how) or "plain"
+)
 @pytest.mark.parametrize(
     ("which", "by_m"),
     [(CHECK, 10.0), (CHECK[2:3], 10.0), (np.arange(3), (0.0, 0.0, 1.0))],
@@ -76,7 +79,7 @@ def test_a_stretched_group_is_named():
     sensor, block = checked_frames(0)
     off = 20.0 * np.random.default_rng(1).choice([-1, 1], len(block)) * (block.role[block.point] == "tie")
     spoilt = dataclasses.replace(block, pixel_px=block.pixel_px + np.stack([0 * off, off], -1))
-    found = wj.adjust(sensor, spoilt, errors=POS, reweigh=True)
+    found = wj.adjust(sensor, spoilt, errors=POS, reweigh=wj.Reweigh(priors=True))
     assert found.is_consistent and not found.is_sound
     assert any(said.startswith("the errors of tie rays are ") for said in found.warnings)
 
@@ -104,7 +107,32 @@ def test_an_adjustment_is_not_silent():
     sensor, block = checked_frames(0)
     said = []
     with wj.telling(said.append):
-        wj.adjust(sensor, block, errors=POS, blunders=wj.Blunders(), reweigh=True)
+        wj.adjust(sensor, block, errors=POS, blunders=wj.Blunders(), reweigh=wj.Reweigh(priors=True))
     assert said[0] == f"adjust: {len(block)} rays of {POINTS} points"
     for beginning in ("adjust: step 1, sum of squares ", "wrong rays: round 1, 0 of 144 rays", "weights: round 1"):
         assert any(one.startswith(beginning) for one in said)
+
+
+def test_records_keep_their_sigmas_unless_asked():
+    """`Reweigh()` asks the rays alone, and the poses' sigmas are then those that were given."""
+    sensor, block = checked_frames(0)
+    rays, everything = (wj.adjust(sensor, block, errors=POS, reweigh=wj.Reweigh(priors=p)).components for p in (False, True))
+    assert rays.names == ("tie rays", "control and check points") and not rays.is_prior.any()
+    assert everything.names[2:] == ("POS attitude", "POS position") and everything.is_prior[2:].all()
+
+
+def test_the_spread_of_sigmas_is_a_prior_of_their_factors():
+    """Tie rays whose sigmas are three times too small: where they are known to 2 %, both that and the residuals are heard.
+
+    With s^2 squares per redundancy r and the prior's log(spread)^-2 = g, the most probable f has r s^2 / f^2 = r + g log f.
+    """
+    sensor, block = checked_frames(0)
+    off = np.where((block.role[block.point] == "tie")[:, None], 1 / 3, 1.0)
+    small = dataclasses.replace(block, sigma_px=block.sigma_px * off)
+    found = [wj.adjust(sensor, small, errors=POS, reweigh=wj.Reweigh(spread=s)).components for s in (1.02, 30.0, 1e6)]
+    near, usual, wide = (of.factor[0] for of in found)
+    assert 2.5 < usual < 3.5 and usual == pytest.approx(wide, rel=0.01)
+    redundancy, g = (found[2].log_sigma[0] ** -2 - np.log(1e6) ** -2) / 2, np.log(1.02) ** -2
+    expected = brentq(lambda f: redundancy * (wide / f) ** 2 - redundancy - g * np.log(f), 1.0, 3.5)
+    # How much the rays take of their own errors changes with their weights.
+    assert near == pytest.approx(expected, rel=0.03) and 1.1 < near < 1.4

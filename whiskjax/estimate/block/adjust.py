@@ -19,6 +19,7 @@ from ...rules.results import codes_of
 from ..blunders import Blunders
 from ..errors import FrameErrors
 from ..given import Knowledge, given
+from ..variance_components import Reweigh
 from . import weights
 from .adjustment import Adjustment
 from .answer import answer, is_fine, refuse
@@ -41,7 +42,7 @@ def adjust(
     errors: Sequence[FrameErrors] = (),
     start_m: Float[np.ndarray, "points 3"] | None = None,
     blunders: Blunders | None = None,
-    reweigh: bool = False,
+    reweigh: Reweigh | None = None,
     retime: bool = True,
     surface: AbstractSurface | None = None,
     max_steps: int = 30,
@@ -64,7 +65,8 @@ def adjust(
     - `start_m`: approximate coordinates, world frame, metres; by default the rays are intersected with the start values (of free
       poses, after the images are resected from control points).
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
-    - `reweigh`: sigmas of tie rays, control points, POS attitude and POS position from the data (weights.py).
+    - `reweigh`: `Reweigh()` finds the sigmas of tie rays and of surveyed points from the data, `Reweigh(priors=True)` those of
+      recorded attitudes and positions too (weights.py).
     - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
       taken for geometry (crossing.py); `Adjustment.block` is the block so timed. Off, the block is adjusted as it is.
     - `surface`: what is level, for errors in level axes; the ellipsoid by default.
@@ -86,7 +88,9 @@ def adjust(
     priors = given("adjust", "unknowns", unknowns)
     if blunders is not None:
         need("adjust", "blunders", blunders, Blunders)
-    need("adjust", "reweigh", reweigh, (bool, np.bool_), "True; groups as of Reweigh() are for calibrate")
+    if reweigh is not None:
+        need("adjust", "reweigh", reweigh, Reweigh)
+        weights.refuse_groups(reweigh)
     need_flags("adjust", retime=retime, throw=throw)
     if surface is not None:
         need_surface("adjust", surface)
@@ -95,8 +99,8 @@ def adjust(
     if not priors.unknowns and motions is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or errors, or use intersect")
     traced = arrays_of((sensor, block, priors, start_m)) is jnp
-    if traced and (blunders is not None or reweigh):
-        raise WhiskjaxError("adjust: blunders and reweigh search on the host, and have no meaning under jit, vmap or grad")
+    if traced and (blunders is not None or reweigh is not None):
+        raise WhiskjaxError("adjust: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")
     refuse_extremes(sensor, "adjust")
     sensor.refuse_aligned("adjust")
     lonely = seen_once(block)
@@ -121,11 +125,11 @@ def adjust(
     if traced:
         solved = _followed(prepared, solved)
     used, found = ~lonely[block.point], None
-    for _ in range(2 if blunders is not None and reweigh else 1):  # each is judged by the other
+    for _ in range(2 if blunders is not None and reweigh is not None else 1):  # each is judged by the other
         if blunders is not None and is_fine(solved):
             prepared, solved, used = data_snooping(prepared, solved, used, blunders, max_steps)
-        if reweigh and is_fine(solved):
-            prepared, solved, more = weights.reweigh(prepared, solved, used, max_steps)
+        if reweigh is not None and is_fine(solved):
+            prepared, solved, more = weights.reweigh(prepared, solved, used, reweigh, max_steps)
             found = more if found is None else more._replace(factor=found.factor * more.factor)
     adjustment = answer(prepared, solved, priors.unknowns, tuple(errors), start_u, used, found)
     if throw and not traced:

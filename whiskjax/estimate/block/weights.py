@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...rules import WhiskjaxError
 from ...rules.progress import tell
-from ..variance_components import Components
+from ..variance_components import Components, Reweigh
 from .covariance import evaluate
 from .prepare import Prepared, State
 from .solve import Solved, gauss_newton, reduce
@@ -26,33 +27,62 @@ _TIES, _CONTROL, _TURN, _SHIFT = range(4)
 _NAMES = ("tie rays", "control and check points", "POS attitude", "POS position")
 
 
-def reweigh(prepared: Prepared, solved: Solved, used: np.ndarray, max_steps: int) -> tuple[Prepared, Solved, Components]:
+def reweigh(
+    prepared: Prepared, solved: Solved, used: np.ndarray, rule: Reweigh, max_steps: int
+) -> tuple[Prepared, Solved, Components]:
     """Solve again and again with sigmas as large as the residuals say.
 
     Groups: rays of tie points; rays of control and check points together with the control points' coordinates; POS attitude;
-    POS position. A group that has nothing to say (no such observations, no redundancy) keeps its sigma.
+    POS position, if priors are asked for. A group that has nothing to say (no such observations, no redundancy) keeps its sigma.
+    That the given sigmas are right to within the rule's spread adds log(factor) / log(spread)^2 to the squares that are expected.
 
-    **Arguments:** `used`: rays that take part.
+    **Arguments:** `used`: rays that take part; `rule`: see `refuse_groups`.
     """
+    asked, given_right = np.array([True, True, bool(rule.priors), bool(rule.priors)]), np.log(rule.spread) ** -2
     block, log_factor = prepared.block, np.zeros(4)
     marked = block.role[block.point] != "tie"
     given = prepared
     for i in range(_ROUNDS):
         tell(f"weights: round {i + 1}")
         squares, redundancy, count = _groups(prepared, solved, used, marked)
-        speaks = redundancy > 0.5
-        step = np.where(speaks, 0.5 * np.log(np.maximum(squares, 1e-300) / np.where(speaks, redundancy, 1.0)), 0.0)
+        step = np.where(asked & (redundancy > 0.5), _step(squares, redundancy, log_factor, given_right), 0.0)
         if np.abs(step).max() < _SAME_FACTOR:
             break
-        log_factor += np.clip(step, -_LONGEST, _LONGEST)
+        log_factor += step
         prepared = _rescaled(given, np.exp(log_factor), solved.state, used, marked)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     _, redundancy, count = _groups(prepared, solved, used, marked)
-    there = count > 0
+    there = asked & (count > 0)
     names = tuple(name for name, some in zip(_NAMES, there, strict=True) if some)
     is_prior = np.array([False, False, True, True])[there]
-    uncertain = 1 / np.sqrt(2 * np.maximum(redundancy[there], 1e-9))
+    uncertain = 1 / np.sqrt(2 * np.maximum(redundancy[there], 0.0) + given_right)
     return prepared, solved, Components(names, is_prior, count[there], np.exp(log_factor[there]), uncertain)
+
+
+def _step(
+    squares: Float[np.ndarray, " 4"], redundancy: Float[np.ndarray, " 4"], log_factor: Float[np.ndarray, " 4"], given_right: float
+) -> Float[np.ndarray, " 4"]:
+    """The change d of each log factor by which squares exp(-2 d) are what is expected, bisected; within the longest step."""
+    low, high = np.full(4, -_LONGEST), np.full(4, _LONGEST)
+    for _ in range(50):
+        middle = (low + high) / 2
+        larger = squares * np.exp(-2 * middle) > redundancy + given_right * (log_factor + middle)
+        low, high = np.where(larger, middle, low), np.where(larger, high, middle)
+    return middle
+
+
+def refuse_groups(rule: Reweigh) -> None:
+    """**Raises:** `WhiskjaxError` for groups that a block does not tell apart."""
+    if rule.images or rule.axes:
+        raise WhiskjaxError(
+            "adjust: rays share one factor, those of tie points and those of surveyed points apart; leave images and axes out of "
+            "Reweigh()"
+        )
+    if not isinstance(rule.priors, bool):
+        raise WhiskjaxError(
+            "adjust: Reweigh(priors=True) finds factors of the recorded attitudes and positions; groups of unknowns by name are "
+            "for calibrate"
+        )
 
 
 def _rescaled(given: Prepared, factor: np.ndarray, state: State, used: np.ndarray, marked: np.ndarray) -> Prepared:

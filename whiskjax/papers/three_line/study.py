@@ -16,6 +16,7 @@ from ...estimate.block.two_step import TwoStep, two_step
 from ...estimate.blunders import Blunders
 from ...estimate.consistency import nees
 from ...estimate.unknown import Unknown, assign
+from ...estimate.variance_components import Reweigh
 from ...flights.songshan import LINE_S, Scene, Simulated, frame_errors, simulate_block, unknowns
 from ...flights.songshan_draw import BORESIGHT_RAD, LEVER_ARM_M, STRIP_S, start_s
 
@@ -23,6 +24,7 @@ MOUNTS = ("u", "v", "w", "ex", "ey", "ez")
 TRUE_MOUNTS = np.concatenate([LEVER_ARM_M, BORESIGHT_RAD])
 WRONG_SHARE, WRONG_PX = 0.05, 20.0
 _ATTITUDE_S = 0.25
+_FOUND = Reweigh(priors=True)  # sigmas of rays, points and POS from the data
 
 
 class Run(NamedTuple):
@@ -42,7 +44,9 @@ class Run(NamedTuple):
 def run(scene: Scene, seed: int, white: bool = False, reweigh: bool = False) -> Run:
     """Draw and adjust. **Arguments:** `white`: POS errors are taken as white; `reweigh`: sigmas are found from the data."""
     drawn, errors = simulate_block(scene, seed), frame_errors(scene, white)
-    return Run(scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), errors=errors, reweigh=reweigh))
+    return Run(
+        scene, seed, drawn, adjust(drawn.sensor, drawn.block, unknowns(scene), errors=errors, reweigh=_FOUND if reweigh else None)
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,7 +225,7 @@ def weights(scene: Scene, seed: int) -> Weighed:
     given = dataclasses.replace(
         block, sigma_px=block.sigma_px * np.where(tie, 3.0, 1 / 3)[:, None], covariance_m2=block.covariance_m2 / 9
     )
-    components = adjust(drawn.sensor, given, unknowns(scene), errors=frame_errors(scene, scale=3.0), reweigh=True).components
+    components = adjust(drawn.sensor, given, unknowns(scene), errors=frame_errors(scene, scale=3.0), reweigh=_FOUND).components
     assert components is not None
     start = np.array([3.0, 1 / 3, 3.0, 3.0])
     return Weighed(tuple(components.names), start, start * components.factor, components.log_sigma)
