@@ -293,3 +293,19 @@ def test_a_wrong_tie_is_left_out_and_named(whiskjax, copied):
     assert result.exit_code == 0 and "Rays left out as wrong" in result.stdout and image
     assert next(row["group"] for row in found["weights"]) == "tie rays"
     assert any(row["used"] == "no" and row["point"] == "T7" for row in read_csv(out / "residuals.csv"))
+
+
+def test_errors_along_level_axes_of_a_local_world(whiskjax, copied):
+    """GNSS heights err along the z of the world that the flight is in, as by the public function with that surface."""
+    flight = wj.read_flight(copied.path)
+    (frame,) = {one.frame for one in flight.errors}
+    told = f'\n[[error]]\nframe = "{frame}"\nshift_sigma_m = [0.02, 0.02, 0.08]\naxes = "level"\n'
+    file = copied.path / "flight.toml"
+    file.write_text(file.read_text(encoding="utf-8") + told, encoding="utf-8")
+    out = copied.path.parent / "out"
+    assert whiskjax("adjust", copied.path, "--out", out).exit_code == 0
+    flight = wj.read_flight(copied.path)
+    assert [one.axes for one in flight.errors].count("level") == 1
+    up = wj.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    found = wj.adjust(flight.sensor, flight.block(), flight.unknowns, errors=flight.errors, surface=up)
+    assert json_of(out)["fit"]["variance_factor"] == pytest.approx(found.variance_factor, rel=1e-9)

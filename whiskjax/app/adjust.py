@@ -90,6 +90,7 @@ def adjust(
             errors=[one for one in found.errors if has_stations(one, found.sensor)],
             blunders=Blunders() if blunders else None,
             reweigh=Reweigh(priors=True) if reweigh else None,
+            surface=found.world.surface(0.0),
             max_steps=max_steps,
             throw=False,
         )

@@ -89,6 +89,7 @@ def calibrate(
             found.observations(),
             found.unknowns,
             errors=[one for one in found.errors if not any(one.free)],
+            surface=found.world.surface(0.0),
             loss=robust,
             blunders=Blunders() if blunders else None,
             reweigh=Reweigh() if reweigh else None,

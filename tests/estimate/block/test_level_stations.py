@@ -158,3 +158,17 @@ def test_it_follows_the_record():
     slope = jax.jit(jax.jacfwd(points))(0.4)
     expected = (compiled(0.5) - compiled(0.3)) / 0.2
     np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_two_steps_know_what_is_up():
+    """Errors that are the same ball along level axes and along the frame's make the same two-step solution."""
+    sensor, block, *_ = frames()
+    mounted = wj.Sensor({"photo": sensor["photo"], "mount": wj.Mount()}, sensor.camera)
+    kappa = wj.Unknown("kappa", "mount.angles_rad[2]", 0.0, 1e-2)
+    same = [wj.FrameErrors("photo", (1e-3,) * 3, (1.0,) * 3, axes=axes) for axes in ("level", "frame")]
+    one, other = (wj.two_step(mounted, block, [kappa], errors=[e], mounts=["kappa"], surface=LEVEL) for e in same)
+    assert one.has_converged and other.has_converged
+    np.testing.assert_allclose(one.values[-1], other.values[-1], rtol=0, atol=1e-9)
+    assert one.rate == pytest.approx(other.rate, rel=1e-6)
+    with pytest.raises(wj.WhiskjaxError, match="of which nobody said what is up"):
+        wj.two_step(mounted, block, [kappa], errors=same[:1], mounts=["kappa"])

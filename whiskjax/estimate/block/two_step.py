@@ -24,6 +24,7 @@ from ...chain.extremes import refuse_extremes
 from ...chain.pose import Pose
 from ...chain.sensor import Sensor
 from ...chain.shot import Shot
+from ...earth.surface import AbstractSurface, need_surface
 from ...rules import WhiskjaxError, need, need_flags
 from ..errors import FrameErrors
 from ..unknown import Unknown, admit, assign, need_unknowns
@@ -75,6 +76,7 @@ def two_step(
     mounts: Sequence[str],
     tolerance: float = 1e-6,
     retime: bool = True,
+    surface: AbstractSurface | None = None,
     max_rounds: int = 100,
 ) -> TwoStep:
     """The paper's loop, to the end.
@@ -85,6 +87,7 @@ def two_step(
     - `tolerance`: distance left to the joint solution, in predicted sigmas of the mounts, at which the loop ends.
     - `retime`: as for `adjust`, once, at the first solution. To compare with a joint solution give its `Adjustment.block`, and
       turn this off: then both adjust the same numbers.
+    - `surface`: what is level, for errors in level axes; the ellipsoid by default.
 
     **Raises:** as `adjust`; `WhiskjaxError` where a name is no unknown, or POS observed nothing.
     """
@@ -92,7 +95,9 @@ def two_step(
     need("two_step", "block", block, Block)
     need_unknowns("two_step", "unknowns", unknowns)
     need_flags("two_step", retime=retime)
-    motions = at_stations("two_step", errors, sensor, block)
+    if surface is not None:
+        need_surface("two_step", surface)
+    motions = at_stations("two_step", errors, sensor, block, surface)
     sensor.refuse_aligned("two_step")
     refuse_pixels_without_direction("two_step", sensor, block.shots(), block.pixel_px, block.ray_label)
     names = [x.name for x in unknowns]
