@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
 
-KINDS = ("pixels", "control points", "pixel sigmas", "sensor number", "prior sigma", "record")
+KINDS = ("pixels", "control points", "pixel sigmas", "sensor number", "prior sigma", "record", "sigma of the record")
 STEP = 0.1  # of an amount; an amount is about what the sigma of the input is
 PLACE_M = np.array([[0.0, 50.0, 900.0], [200.0, 60.0, 915.0], [400.0, 40.0, 890.0]])
 ERRORS = (wj.FrameErrors("photo", turn_sigma_rad=(1e-3,) * 3, shift_sigma_m=(1.0,) * 3),)
@@ -56,7 +56,9 @@ def adjusted(scene, t):
         block, pixel_px=block.pixel_px + t[0] * pixels, position_m=moved, sigma_px=block.sigma_px + t[2] * sigmas
     )
     focal = wj.Unknown("focal", "camera.focal_px", 3000.0, 3.0 + 0.5 * t[4])
-    return wj.adjust(sensor, block, [focal], errors=ERRORS, start_m=start)
+    shift = (1.0, 1.0 + 0.3 * t[6], 1.0 - 0.2 * t[6])
+    errors = (wj.FrameErrors("photo", turn_sigma_rad=(1e-3,) * 3, shift_sigma_m=shift),)
+    return wj.adjust(sensor, block, [focal], errors=errors, start_m=start)
 
 
 def numbers(found):
@@ -74,7 +76,7 @@ def answer(scene):
 
 @pytest.fixture(scope="module")
 def amounts():
-    return jnp.array([0.3, -0.2, 0.1, 0.4, -0.3, 0.2])
+    return jnp.array([0.3, -0.2, 0.1, 0.4, -0.3, 0.2, 0.5])
 
 
 def test_compiled_it_is_what_it_is_eagerly(scene, answer, amounts):

@@ -2,13 +2,17 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
 import whiskjax as wj
+from tests.estimate.block.conftest import SCENE
 from tests.estimate.block.frames import FREE, POS, frames
 from whiskjax.estimate.block.station_errors import at_stations
+from whiskjax.flights import songshan
 
 START_S, SPACING_S, NODES = (10.0, 300.0), 4.0, (6, 9)
 SIGMA: dict[str, Any] = {"turn_sigma_rad": (1e-4, 2e-4, 0.0), "shift_sigma_m": (0.05, 0.1, 0.2)}
@@ -181,3 +185,35 @@ def test_segments_that_touch_cannot_go_on():
     touching = sensor(wj.Correction(wj.OrientationImages((0.0, 20.0), 4.0, (6, 6))))
     with pytest.raises(wj.WhiskjaxError, match=r"two nodes lie 0 s apart.*anew=.strip. only"):
         of(touching, wj.FrameErrors("pos", **SIGMA, correlation_s=60.0)).roots(touching)
+
+
+@pytest.mark.parametrize("axes", ["frame", "level"])
+def test_sigmas_and_memories_may_be_traced(axes):
+    """What the record says, by sigmas and a correlation time: traced as on the host, and its derivative by differences."""
+    of = songshan.simulate_block(SCENE, 2).sensor
+    surface = wj.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+    def information(t):
+        turn = tuple(1e-4 * (1 + 0.2 * t[0]) * c for c in (1.0, 0.8, 2.0))
+        told = [
+            wj.FrameErrors("pos_error", turn, (0, 0, 0), 60.0 + 5.0 * t[1], anew="strip"),
+            wj.FrameErrors("pos_error", (2e-5,) * 3, tuple(0.05 + 0.01 * t[2] * c for c in (1.0, 0.0, 2.0)), axes=axes),
+        ]
+        motions = at_stations("adjust", told, of, surface=surface)
+        roots = motions.roots(of)
+        unit = jnp.repeat(motions.sigma, roots.shape[-1] * len(roots) // 6).reshape(len(roots), 1, -1)
+        whitened = roots / unit  # of motions in radians and metres
+        return jnp.sqrt(jnp.einsum("gri,gri->gi", whitened, whitened)).ravel() * 1e-4
+
+    at = jnp.array([0.3, -0.4, 0.2])
+    traced, host = jax.jit(information)(at), information(np.asarray(at))
+    np.testing.assert_allclose(traced, host, rtol=1e-8)
+    forward, reverse = jax.jit(jax.jacfwd(information))(at), jax.jit(jax.jacrev(information))(at)
+
+    def differences(step):
+        return np.stack([(information(at + step * e) - information(at - step * e)) / (2 * step) for e in np.eye(3)], -1)
+
+    expected = (4 * differences(0.05) - differences(0.1)) / 3
+    largest = np.abs(expected).max(axis=0)
+    assert (np.abs(forward - expected).max(axis=0) < 1e-5 * largest).all() and (largest > 0).all()
+    np.testing.assert_allclose(forward, reverse, rtol=1e-8, atol=1e-8 * largest.min())

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 import equinox as eqx
 import jax
@@ -94,11 +95,12 @@ def adjust(
     need_flags("adjust", retime=retime, throw=throw)
     if surface is not None:
         need_surface("adjust", surface)
-    with jax.ensure_compile_time_eval():  # statements of errors are the host's
+    # Statements that are known are the host's, whatever else is traced.
+    with nullcontext() if arrays_of(errors) is jnp else jax.ensure_compile_time_eval():
         motions = at_stations("adjust", errors, sensor, block, surface)
     if not priors.unknowns and motions is None:
         raise WhiskjaxError("adjust: nothing but points is unknown; give unknowns or errors, or use intersect")
-    traced = arrays_of((sensor, block, priors, start_m)) is jnp
+    traced = arrays_of((sensor, block, priors, start_m, errors)) is jnp
     if traced and (blunders is not None or reweigh is not None):
         raise WhiskjaxError("adjust: Blunders() and Reweigh() search on the host, and have no meaning under jit, vmap or grad")
     refuse_extremes(sensor, "adjust")

@@ -19,7 +19,7 @@ from ..errors import AXES, FrameErrors, need_errors
 from ..level import frame_from_level
 from ..memory import CONSTANT, FADING, WHITE
 from .block import Block
-from .station_rows import Axes
+from .station_rows import Axes, errs
 
 # Of a start about which nothing was said: a tenth of a radian, and of the distance to the points.
 _LOOSE = 0.1
@@ -35,14 +35,15 @@ class StationErrors:
 
     - `link`: a `Correction` with orientation images or a spline, or a `PosePerImage`.
     - `errors`: all statements of it with finite sigmas.
-    - `sigma`: (6,) turns (rad) and shifts (m), by which the motions are whitened; 0 keeps the axis as it is.
+    - `sigma`: (6,) turns (rad) and shifts (m), by which the motions are whitened; 0 keeps the axis as it is. Where statements are
+      traced it is held: what it is changes nothing but the unit of the motions.
     - `free`: (6,) axes of which nothing was recorded; there `sigma` says how far the start may be off.
     - `surface`: what is level; the ellipsoid by default.
     """
 
     link: str
     errors: tuple[FrameErrors, ...]
-    sigma: Float[np.ndarray, " 6"]
+    sigma: Float[Any, " 6"]
     free: tuple[bool, ...]
     surface: AbstractSurface | None = None
 
@@ -56,7 +57,8 @@ class StationErrors:
         """Of each axis the time after which its errors are forgotten; None where they are white, all where there are several."""
         found = []
         for k in range(6):
-            times = tuple(float(e.correlation_s[k]) for e in self.errors if k in e.acting and e.memory[k] == FADING)
+            times = tuple(e.correlation_s[k] for e in self.errors if k in e.acting and e.memory[k] == FADING)
+            times = tuple(t if is_traced(t) else float(t) for t in times)
             found.append(None if not times else times[0] if len(times) == 1 else times)
         return tuple(found)
 
@@ -79,13 +81,15 @@ class StationErrors:
         """
         link = self.stations(sensor)
         axes = Axes(link, self.errors, self.sigma, self.free)
-        with jax.ensure_compile_time_eval():  # the nodes are the host's
-            if all(e.axes == "frame" for e in self.errors):
-                return np.stack([axes.alone(k) for k in range(6)])
+        if all(e.axes == "frame" for e in self.errors):
+            each = [axes.alone(k) for k in range(6)]
+            return arrays_of(each).stack(each)
+        with jax.ensure_compile_time_eval():
             times = Shot(image=np.arange(link.stations)) if link.epoch_s is None else Shot(time_s=jnp.asarray(link.epoch_s))
         # A node may lie behind the end of the record: what is level there is what the last samples lead to.
         into = frame_from_level(self.link, sensor.pose(times, self.link), self.surface)
-        return arrays_of(into).stack([axes.together(first, into) for first in (0, 3)])
+        both = [axes.together(first, into) for first in (0, 3)]
+        return arrays_of(both).stack(both)
 
 
 def at_stations(
@@ -123,13 +127,13 @@ def at_stations(
         )
     free = tuple(any(e.free[k] for e in errors) for k in range(6))
     finite = tuple(e for e in errors if not any(e.free))
-    sigma = np.array([_together([s for e in finite for s in _along(e, k)]) for k in range(6)])
-    if any(free[k] and sigma[k] == 0 for k in range(6)):
-        away = _LOOSE * _distance(sensor, block)
-        sigma = np.where(np.array(free) & (sigma == 0), [_LOOSE] * 3 + [away] * 3, sigma)
-    if not sigma.any():
+    sigma = [_together([s for e in finite for s in _along(e, k)]) for k in range(6)]
+    if any(free[k] and not errs(sigma[k]) for k in range(6)):
+        loose = [_LOOSE] * 3 + [_LOOSE * _distance(sensor, block)] * 3
+        sigma = [loose[k] if free[k] and not errs(sigma[k]) else sigma[k] for k in range(6)]
+    if not any(map(errs, sigma)):
         raise WhiskjaxError(f"{owner}: all sigmas are zero, so the trajectory would not change: leave errors out")
-    return StationErrors(links[0], finite, sigma, free, surface)
+    return StationErrors(links[0], finite, arrays_of(sigma).stack(sigma), free, surface)
 
 
 def has_stations(errors: FrameErrors, sensor: Sensor) -> bool:
@@ -141,20 +145,19 @@ def _refuse(owner: str, e: FrameErrors, link: AbstractStations, others: bool) ->
     """**Raises:** `WhiskjaxError` for what the stations of a link cannot have; `others`: they err in other ways, too."""
     basis = link.basis if isinstance(link, Correction) else None
     whose = f"{owner}: errors of {e.frame}"
-    if any(is_traced(s) for s in (*e.sigma, *e.correlation_s)):
-        raise WhiskjaxError(f"{whose} are traced; an adjustment is solved on the host")
     if e.axes == "level" and any(e.free):
         raise WhiskjaxError(f'{whose} are infinite along level axes; poses that nobody recorded are free in all: axes="frame"')
-    acting = [k for k in e.acting if np.any(np.asarray(e.sigma[k]) != 0)]
+    acting = [k for k in e.acting if errs(e.sigma[k])]
     per_image = not isinstance(link, Correction)
     for k in acting:
-        free, sigma = np.isinf(np.asarray(e.sigma[k])), e.sigma[k]
-        if np.ndim(sigma) and (len(sigma) != link.stations or free.any() != free.all() or not np.all(np.asarray(sigma) > 0)):
+        sigma, known = e.sigma[k], np.ones(1) if is_traced(e.sigma[k]) else np.asarray(e.sigma[k])
+        free = np.isinf(known)
+        if np.ndim(sigma) and (np.shape(sigma)[0] != link.stations or free.any() != free.all() or not np.all(known > 0)):
             raise WhiskjaxError(
-                f"{whose}: the sigma of {AXES[k]} has {len(sigma)} values; one positive number, or one for each of the "
+                f"{whose}: the sigma of {AXES[k]} has {np.shape(sigma)[0]} values; one positive number, or one for each of the "
                 f"{link.stations} stations is expected"
             )
-        if free.any() and not all(np.isinf(np.asarray(e.sigma[j])).all() for j in acting):
+        if free.any() and not all(e.free[j] for j in acting):
             raise WhiskjaxError(f"{whose}: some sigmas are infinite and others are not; make two statements of them")
         if e.memory[k] == CONSTANT and not others and not (per_image and e.anew == "image"):
             raise WhiskjaxError(
@@ -174,14 +177,17 @@ def _along(e: FrameErrors, k: int) -> list[Any]:
     if e.axes == "frame":
         return [e.sigma[k]] if k in e.acting else []
     first = 3 * (k // 3)
-    return [np.sqrt(sum(np.mean(np.square(e.sigma[j])) for j in range(first, first + 3)) / 3)]
+    math = arrays_of(e)
+    return [math.sqrt(sum(math.mean(math.square(e.sigma[j])) for j in range(first, first + 3)) / 3)]
 
 
-def _together(sigmas: list[Any]) -> float:
-    """The sigma of a sum, over the stations in the mean; of a single number to the last digit."""
+def _together(sigmas: list[Any]) -> Any:
+    """The sigma of a sum, over the stations in the mean; of a single number to the last digit. Not differentiated."""
+    if (math := arrays_of(sigmas)) is jnp:
+        return jax.lax.stop_gradient(jnp.sqrt(sum(jnp.mean(jnp.square(s)) for s in sigmas)))
     if len(sigmas) == 1 and np.ndim(sigmas[0]) == 0:
         return float(sigmas[0])
-    return float(np.sqrt(sum(np.mean(np.square(s)) for s in sigmas)))
+    return float(math.sqrt(sum(math.mean(math.square(s)) for s in sigmas)))
 
 
 def _distance(sensor: Sensor, block: Block | None) -> float:

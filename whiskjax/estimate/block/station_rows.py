@@ -13,7 +13,7 @@ from ...chain.correction import AbstractUniform, Correction
 from ...chain.stations import AbstractStations
 from ...rules import WhiskjaxError, arrays_of, is_traced, plain
 from ..errors import FrameErrors
-from ..memory import CONSTANT, FADING, WHITE
+from ..memory import CONSTANT, FADING, WHITE, forgotten
 
 _LEAST = 1e-12  # eigenvalue of a correlation of stations: below it is what rounding leaves of zero
 
@@ -24,26 +24,27 @@ class Axes:
 
     link: AbstractStations
     errors: tuple[FrameErrors, ...]
-    sigma: Float[np.ndarray, " 6"]
+    sigma: Float[Any, " 6"]
     free: tuple[bool, ...]
 
     @property
     def rows(self) -> Float[np.ndarray, "n n"]:
         """Weights of the coefficients at the times at which the record observes."""
         basis = self.link.basis if isinstance(self.link, Correction) else None
-        return dense(basis) if isinstance(basis, AbstractUniform) else np.eye(self.link.stations)
+        with jax.ensure_compile_time_eval():  # the nodes are the host's
+            return dense(basis) if isinstance(basis, AbstractUniform) else np.eye(self.link.stations)
 
-    def alone(self, k: int) -> Float[np.ndarray, "n n"]:
+    def alone(self, k: int) -> Float[Any, "n n"]:
         """The rows of an axis that is independent of the others."""
         rows, size = self.rows, self.link.stations
         if self.free[k]:
             return np.zeros((size, size))
-        said = [e for e in self.errors if k in e.acting and np.any(np.asarray(e.sigma[k]) != 0)]
+        said = [e for e in self.errors if k in e.acting and errs(e.sigma[k])]
         if not said:
             return rows
-        if len(said) > 1 or said[0].memory[k] == CONSTANT:
+        if len(said) > 1 or said[0].memory[k] == CONSTANT or arrays_of(said) is jnp:
             covariance = sum(self._covariance(e, k) for e in said) / self.sigma[k] ** 2
-            return np.linalg.solve(self._root(covariance), rows)
+            return arrays_of(covariance).linalg.solve(self._root(covariance), rows)
         e = said[0]  # v_k, or (v_k - rho v_(k-1)) / sqrt(1 - rho^2), where rows give v
         if np.ndim(e.sigma[k]):
             rows = rows * (self.sigma[k] / np.asarray(e.sigma[k]))[:, None]
@@ -54,13 +55,12 @@ class Axes:
 
         **Arguments:** `first`: 0 for turns, 3 for shifts; `into`: the rotations from level axes into those of the frame.
         """
-        size, three, math = self.link.stations, range(3), arrays_of(into)
+        size, three, math = self.link.stations, range(3), arrays_of((into, self.errors))
         turned = [[math.broadcast_to(plain(c), (size,)) for c in row] for row in into]
         total: Any = [[np.zeros((size, size)) for _ in three] for _ in three]
         for e in self.errors:
             for k in (k for k in three if first + k in e.acting):
-                with jax.ensure_compile_time_eval():
-                    own = self._covariance(e, first + k)
+                own = self._covariance(e, first + k)
                 if e.axes == "frame":
                     total[k][k] = total[k][k] + own
                     continue
@@ -69,28 +69,28 @@ class Axes:
                         total[i][j] = total[i][j] + turned[i][k][:, None] * own * turned[j][k][None, :]
         covariance = math.concatenate([math.concatenate(row, axis=1) for row in total], axis=0)
         # Axes of which nothing was recorded say nothing; those that stay hold their coefficients.
-        sigma, free = (np.repeat(of[first : first + 3], size) for of in (self.sigma, self.free))
+        scales = arrays_of(self.sigma)
+        sigma, free = scales.repeat(self.sigma[first : first + 3], size), np.repeat(self.free[first : first + 3], size)
         apart = free | (sigma == 0)
-        covariance = math.where(apart[:, None] | apart[None, :], np.diag(apart.astype(float)), covariance)
-        with jax.ensure_compile_time_eval():
-            rows = np.kron(np.eye(3), self.rows) * np.where(sigma > 0, sigma, 1.0)
+        covariance = math.where(apart[:, None] | apart[None, :], scales.diag(apart.astype(float)), covariance)
+        rows = np.kron(np.eye(3), self.rows) * scales.where(sigma > 0, sigma, 1.0)[None, :]
         return math.where(free[:, None], 0.0, math.linalg.solve(self._root(covariance), rows))
 
-    def _covariance(self, e: FrameErrors, k: int) -> Float[np.ndarray, "n n"]:
+    def _covariance(self, e: FrameErrors, k: int) -> Float[Any, "n n"]:
         """Of one statement, between the times at which the record observes."""
-        size = self.link.stations
-        sigma = np.broadcast_to(np.asarray(e.sigma[k], dtype=float), (size,))
+        size, math = self.link.stations, arrays_of(e.sigma[k])
+        sigma = math.broadcast_to(math.asarray(e.sigma[k], dtype=float), (size,))
         return sigma[:, None] * self._correlation(e, k, size) * sigma[None, :]
 
-    def _correlation(self, e: FrameErrors, k: int, size: int) -> Float[np.ndarray, "n n"]:
+    def _correlation(self, e: FrameErrors, k: int, size: int) -> Float[Any, "n n"]:
         if e.memory[k] == WHITE or (e.memory[k] == CONSTANT and e.anew == "image"):
             return np.eye(size)
         if e.memory[k] == CONSTANT and e.anew == "flight":
             return np.ones((size, size))
         t, firsts = _epochs(e, self.link)
         segment = np.searchsorted(firsts, np.arange(size), side="right")
-        kept = 1.0 if e.memory[k] == CONSTANT else np.exp(-np.abs(t[:, None] - t[None, :]) / float(e.correlation_s[k]))
-        return np.where(segment[:, None] == segment[None, :], kept, 0.0)
+        kept = 1.0 if e.memory[k] == CONSTANT else forgotten(np.abs(t[:, None] - t[None, :]), e.correlation_s[k])
+        return arrays_of(kept).where(segment[:, None] == segment[None, :], kept, 0.0)
 
     def _root(self, covariance: Any) -> Any:
         """Its Cholesky factor.
@@ -109,6 +109,11 @@ class Axes:
         )
 
 
+def errs(sigma: Any) -> bool:
+    """Whether there is an error; one that is traced may be."""
+    return is_traced(sigma) or bool(np.any(np.asarray(sigma) != 0))
+
+
 def _epochs(e: FrameErrors, link: AbstractStations) -> tuple[np.ndarray, np.ndarray]:
     """Times at which the record observes, and the number of the first of each stretch for which errors are drawn anew.
 
@@ -118,7 +123,8 @@ def _epochs(e: FrameErrors, link: AbstractStations) -> tuple[np.ndarray, np.ndar
     if not isinstance(basis, AbstractUniform):
         raise WhiskjaxError(f"errors of {e.frame}: {e.frame} has no nodes in time, so its errors cannot be correlated in time")
     firsts = np.cumsum((0, *basis.nodes[:-1])) if e.anew == "strip" else np.zeros(1, dtype=int)
-    return basis.epoch_s, firsts
+    with jax.ensure_compile_time_eval():
+        return np.asarray(basis.epoch_s), firsts
 
 
 def dense(basis: AbstractUniform) -> Float[np.ndarray, "epochs coefficients"]:
