@@ -59,7 +59,9 @@ def problem_of(lanes: int) -> tuple[Problem, Problem, jax.Array]:
     padded[:POINTS] = np.arange(POINTS)
     index = POINTS * np.arange(lanes)[:, None] + padded
     groups = jax.tree.map(lambda a: a[index] if eqx.is_array(a) else a, problem.groups)
-    groups = tuple(eqx.tree_at(lambda g: g.weight, g, tuple(w.at[:, POINTS:].set(0.0) for w in g.weight)) for g in groups)
+    groups = tuple(
+        eqx.tree_at(lambda g: g.weight, g, tuple(jnp.asarray(w).at[:, POINTS:].set(0.0) for w in g.weight)) for g in groups
+    )
     nothing = jax.tree.map(lambda _: None, problem)
     own = eqx.tree_at(lambda p: p.groups, nothing, groups)
     common = eqx.tree_at(lambda p: p.groups, problem, nothing.groups)

@@ -4,6 +4,7 @@ The sensor holds radians: its field is `angles_rad`, and a place may be written 
 unit of the numbers that go with it.
 """
 
+import dataclasses
 import re
 from functools import cache
 from typing import Any, NamedTuple
@@ -68,10 +69,15 @@ def is_in_degrees(text: str) -> bool:
     return _SHOWN.search(text.strip().partition("[")[0]) is not None
 
 
+@cache
+def _fields(kind: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(kind)) if dataclasses.is_dataclass(kind) else ()
+
+
 def _step(node: Any, name: str, text: str) -> Any:
     if isinstance(node, By):
         return node[name]
-    fields: Any = getattr(type(node), "__dataclass_fields__", ())
+    fields = _fields(type(node))
     if name not in fields:
         raise WhiskjaxError(f"{text}: {type(node).__name__} has no {name!r}; it has {', '.join(fields)}")
     return getattr(node, name)

@@ -95,7 +95,7 @@ def calibrate(
         raise WhiskjaxError(
             "calibrate: a robust loss and Blunders() or Reweigh() answer the same question twice; give one of them"
         )
-    if considered.unknowns:
+    if considered.unknowns or not priors.unknowns:
         admit(sensor, [*priors.unknowns, *considered.unknowns])  # a number is either estimated or considered
     traced = arrays_of((sensor, observations, priors, considered, errors)) is jnp
     if traced and (blunders is not None or reweigh is not None):

@@ -3,7 +3,6 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -97,8 +96,8 @@ def assert_columns(found, expected, step):
 def test_all_derivatives(case):
     sensor, shot, point, pixel, link, unknowns = case
     _, numbers, _ = posed(sensor, given("test", "unknowns", unknowns))
-    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, link, numbers, true))
-    found = of(tuple(point.T), tuple(pixel.T), jnp.asarray(True))
+    of = jax.jit(lambda p, m: depend(sensor, shot, p, m, link, numbers))
+    found = of(tuple(point.T), tuple(pixel.T))
     project = jax.jit(lambda s, p: wj.project(s, shot, p, throw=False).pixel_px)
 
     values = held(sensor, unknowns)
@@ -124,8 +123,8 @@ def test_single_stations_as_unknowns(case):
         wj.Unknown(f"{f} {k} {i}", f"{link}.{f}[{k},{i}]", scale=1.0) for f, k, i in (("turn_rad", 1, 0), ("shift_m", 2, 2))
     ]
     _, numbers, _ = posed(sensor, given("test", "unknowns", unknowns))
-    of = jax.jit(lambda p, m, true: depend(sensor, shot, p, m, None, numbers, true))
-    found = of(tuple(point.T), tuple(pixel.T), jnp.asarray(True))
+    of = jax.jit(lambda p, m: depend(sensor, shot, p, m, None, numbers))
+    found = of(tuple(point.T), tuple(pixel.T))
     assert found.by_motion == ((), ())
     project = jax.jit(lambda s: wj.project(s, shot, point, throw=False).pixel_px)
     values, step = held(sensor, unknowns), np.array([1e-3, 1.0])
