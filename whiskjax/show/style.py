@@ -98,7 +98,9 @@ def _plain_powers(formatter: Any, ticker: Any) -> Any:
         inner = formatter(value, position).removeprefix("$\\mathdefault{").removesuffix("}$")
         return _POWER.sub(lambda power: power[1].translate(_SUPERSCRIPTS), inner.replace("\\times", "×"))
 
-    return ticker.FuncFormatter(plain)
+    made = ticker.FuncFormatter(plain)
+    made.set_locs = formatter.set_locs  # which of the ticks between powers of ten have room for a label
+    return made
 
 
 def dress(axes: Any, *, grid: str = "both") -> None:
