@@ -37,7 +37,6 @@ def columns(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> Swe
         told = group.whiten(*residual), met, inside
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), told)
 
-    # That a scale is positive is what the compiler cannot know.
     residual, met, inside = once(seen)
     if "camera" in met:
         met["camera"] = met["camera"]._replace(rows=((neg(w00), 0), (neg(w10), neg(w11))))

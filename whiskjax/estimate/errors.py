@@ -7,6 +7,7 @@ sigma_i sigma_j exp(-|t_i - t_j| / tau) of each component (Gelb 1974, section 4.
 
 import zlib
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -265,8 +266,14 @@ def _sigmas(arrays: Arrays, name: str, values: Any, within_rad: float | None = N
         if not is_traced(array):
             held = np.asarray(array)
             arrays.take(name, np.where(np.isinf(held), 0.0, held), "...", finite=True, within_rad=within_rad)
-        taken.append(jnp.asarray(array, dtype=float))
+        taken.append(_known(array))
     return tuple(taken)
+
+
+def _known(number: Any) -> Array:
+    """As an array; what is known stays so while others trace."""
+    with nullcontext() if is_traced(number) else jax.ensure_compile_time_eval():
+        return jnp.asarray(number, dtype=float)
 
 
 def _correlations(arrays: Arrays, given: Any) -> tuple[tuple[Component, ...], tuple[str, ...]]:
@@ -290,6 +297,6 @@ def _correlations(arrays: Arrays, given: Any) -> tuple[tuple[Component, ...], tu
         if seconds not in (0.0, np.inf) and not LEAST_SIGMA < seconds < MOST_SIGMA:
             arrays.refuse("correlation_s", f"of {axis} is {seconds:g} s: 0 is new at every exposure, and infinite is constant")
         known = {0.0: WHITE, np.inf: CONSTANT}.get(seconds, FADING)
-        times.append(jnp.asarray(seconds, dtype=float) if known == FADING else 0)
+        times.append(_known(seconds) if known == FADING else 0)
         memory.append(known)
     return tuple(times), tuple(memory)

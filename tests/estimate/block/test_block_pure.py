@@ -148,3 +148,19 @@ def test_what_is_searched_on_the_host_says_so(scene, amounts):
                 ).pixel_px
             )
         )(np.zeros(21, dtype=int))
+
+
+def test_nothing_but_a_sigma_of_the_record_is_traced(scene):
+    """No start is given; free poses are written down in the traced function; a sigma that turns out to be zero holds its axis."""
+    sensor, block, *_ = scene
+
+    def cost(sigma, free):
+        told = wj.FrameErrors("photo", (1e-3,) * 3, (1.0, sigma, 0.8))
+        nothing = [wj.FrameErrors("photo", (np.inf,) * 3, (np.inf,) * 3)] if free else []
+        return wj.adjust(sensor, block, errors=[*nothing, told]).cost
+
+    for free in (False, True):
+        traced = jax.jit(lambda sigma, free=free: cost(sigma, free))
+        assert float(traced(0.7)) == pytest.approx(cost(0.7, free), rel=1e-9)
+        if not free:
+            assert float(traced(0.0)) == pytest.approx(cost(0, free), rel=1e-9)

@@ -136,3 +136,15 @@ def test_the_spread_of_sigmas_is_a_prior_of_their_factors():
     expected = brentq(lambda f: redundancy * (wide / f) ** 2 - redundancy - g * np.log(f), 1.0, 3.5)
     # How much the rays take of their own errors changes with their weights.
     assert near == pytest.approx(expected, rel=0.03) and 1.1 < near < 1.4
+
+
+def test_sigmas_are_pulled_to_what_was_given_once():
+    """With blunders the weights are found twice; where none is left out they are what they are without."""
+    sensor, block = checked_frames(0)
+    off = np.where((block.role[block.point] == "tie")[:, None], 1 / 1.3, 1.0)
+    small, rule = dataclasses.replace(block, sigma_px=block.sigma_px * off), wj.Reweigh(spread=1.1)
+    once = wj.adjust(sensor, small, errors=POS, reweigh=rule)
+    twice = wj.adjust(sensor, small, errors=POS, reweigh=rule, blunders=wj.Blunders(level=1e-9))
+    assert twice.used.all() and 1.1 < once.components.factor[0] < 1.4
+    np.testing.assert_allclose(twice.components.factor, once.components.factor, rtol=2e-2)
+    np.testing.assert_allclose(twice.components.log_sigma, once.components.log_sigma, rtol=2e-2)

@@ -131,8 +131,7 @@ def adjust(
         if blunders is not None and is_fine(solved):
             prepared, solved, used = data_snooping(prepared, solved, used, blunders, max_steps)
         if reweigh is not None and is_fine(solved):
-            prepared, solved, more = weights.reweigh(prepared, solved, used, reweigh, max_steps)
-            found = more if found is None else more._replace(factor=found.factor * more.factor)
+            prepared, solved, found = weights.reweigh(prepared, solved, used, reweigh, found, max_steps)
     adjustment = answer(prepared, solved, priors.unknowns, tuple(errors), start_u, used, found)
     if throw and not traced:
         refuse(adjustment, motions)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...chain.sensor import Sensor
-from ...rules import SensorError, arrays_of
+from ...rules import SensorError, arrays_of, is_traced
 from ...rules.results import codes_of, message_of
 from ..intersection import intersect
 from .block import Block
@@ -38,8 +38,8 @@ def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[
         others = block.keep(rays)
         seen, index = np.unique(others.point, return_inverse=True)
         met = intersect(sensor, others.shot, others.pixel_px, index, others.sigma_px, throw=False)
-        if math is jnp:
-            return sensor, point.at[seen].set(met.point_m)
+        if is_traced(met.point_m):  # by whatever of it: what is constant in a traced function is, too
+            return sensor, jnp.asarray(point).at[seen].set(met.point_m)
         codes = codes_of(met.result)
         if codes.any():
             i = int(np.argmax(codes != 0))

@@ -177,6 +177,8 @@ def _along(e: FrameErrors, k: int) -> list[Any]:
     if e.axes == "frame":
         return [e.sigma[k]] if k in e.acting else []
     first = 3 * (k // 3)
+    if not any(j in e.acting for j in range(first, first + 3)):
+        return []
     math = arrays_of(e)
     return [math.sqrt(sum(math.mean(math.square(e.sigma[j])) for j in range(first, first + 3)) / 3)]
 

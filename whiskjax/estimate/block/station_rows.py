@@ -43,7 +43,11 @@ class Axes:
         if not said:
             return rows
         if len(said) > 1 or said[0].memory[k] == CONSTANT or arrays_of(said) is jnp:
-            covariance = sum(self._covariance(e, k) for e in said) / self.sigma[k] ** 2
+            # A traced sigma may turn out to be zero, and then holds the coefficients.
+            none = self.sigma[k] == 0
+            math = arrays_of(none)
+            covariance = sum(self._covariance(e, k) for e in said) / math.where(none, 1.0, self.sigma[k]) ** 2
+            covariance = covariance + math.where(none, 1.0, 0.0) * np.eye(size)
             return arrays_of(covariance).linalg.solve(self._root(covariance), rows)
         e = said[0]  # v_k, or (v_k - rho v_(k-1)) / sqrt(1 - rho^2), where rows give v
         if np.ndim(e.sigma[k]):

@@ -28,7 +28,7 @@ _NAMES = ("tie rays", "control and check points", "POS attitude", "POS position"
 
 
 def reweigh(
-    prepared: Prepared, solved: Solved, used: np.ndarray, rule: Reweigh, max_steps: int
+    prepared: Prepared, solved: Solved, used: np.ndarray, rule: Reweigh, before: Components | None, max_steps: int
 ) -> tuple[Prepared, Solved, Components]:
     """Solve again and again with sigmas as large as the residuals say.
 
@@ -36,10 +36,15 @@ def reweigh(
     POS position, if priors are asked for. A group that has nothing to say (no such observations, no redundancy) keeps its sigma.
     That the given sigmas are right to within the rule's spread adds log(factor) / log(spread)^2 to the squares that are expected.
 
-    **Arguments:** `used`: rays that take part; `rule`: see `refuse_groups`.
+    **Arguments:** `used`: rays that take part; `rule`: see `refuse_groups`; `before`: factors that the sigmas of
+    the block have in them already, from an earlier call.
+
+    **Returns:** the factors of both calls.
     """
     asked, given_right = np.array([True, True, bool(rule.priors), bool(rule.priors)]), np.log(rule.spread) ** -2
-    block, log_factor = prepared.block, np.zeros(4)
+    known = {} if before is None else dict(zip(before.names, np.log(before.factor), strict=True))
+    begun = np.array([known.get(name, 0.0) for name in _NAMES])
+    block, log_factor = prepared.block, begun.copy()
     marked = block.role[block.point] != "tie"
     given = prepared
     for i in range(_ROUNDS):
@@ -49,13 +54,14 @@ def reweigh(
         if np.abs(step).max() < _SAME_FACTOR:
             break
         log_factor += step
-        prepared = _rescaled(given, np.exp(log_factor), solved.state, used, marked)
+        prepared = _rescaled(given, np.exp(log_factor - begun), solved.state, used, marked)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
     _, redundancy, count = _groups(prepared, solved, used, marked)
     there = asked & (count > 0)
     names = tuple(name for name, some in zip(_NAMES, there, strict=True) if some)
     is_prior = np.array([False, False, True, True])[there]
-    uncertain = 1 / np.sqrt(2 * np.maximum(redundancy[there], 0.0) + given_right)
+    expected = np.maximum((redundancy + given_right * log_factor)[there], 0.0)
+    uncertain = 1 / np.sqrt(2 * expected + given_right)
     return prepared, solved, Components(names, is_prior, count[there], np.exp(log_factor[there]), uncertain)
 
 
