@@ -69,7 +69,7 @@ def locate(
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
     - `errors`: how the recorded poses of frames err; without them R is that of the pixels alone, as in Liu et al. (2019). What is
       new at every look enters R; what looks have in common is estimated with the target, by a filter as states, by a batch as the
-      covariance of all looks (innovations.py: steps take time in proportion to the looks, covariances of residuals to their square).
+      covariance of all looks (innovations.py: a step takes time with the looks, covariances of residuals with their square).
     - `method`: "extended" (Liu et al. 2019, equations 13 to 18), "iterated" (each look linearised again at its own result), or
       "batch" (Gauss-Newton over all looks).
     - `estimate`: numbers of the sensor with priors, estimated with the target: a boresight, a bias at a joint, a delay.
