@@ -124,7 +124,8 @@ class Parameters(eqx.Module):
 
 def passages(sensor: Sensor, point: Vec3, found: JointDerivatives, links: Iterable[str]) -> dict[str, Passage]:
     """Some links of a sensor, with the rows of the pixel, as the sweep through a ground point met them."""
-    outer = dict(zip((*sensor.names, "camera"), found.points.values(), strict=True)) | {"refraction": point}
+    frames = zip((*sensor.names, "camera"), ("earth", *sensor.names), strict=True)
+    outer = {link: found.points[frame] for link, frame in frames} | {"refraction": point}
     return {name: Passage(outer[name], found.derivatives.get(name)) for name in sorted(links)}
 
 

@@ -33,7 +33,7 @@ def columns(problem: Problem, group: Group, u: Float[Array, " unknowns"]) -> Swe
         met = passages(sensor, group.point, found, unknowns.links)
         met = {name: passage._replace(rows=_whitened_rows(group, passage.rows)) for name, passage in met.items()}
         residual = tuple(z - h for z, h in zip(group.pixel, found.pixel, strict=True))
-        *_, inside = found.points.values()
+        inside = found.points[sensor.names[-1]]
         told = group.whiten(*residual), met, inside
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a, dtype=float), n), told)
 
