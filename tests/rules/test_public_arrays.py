@@ -257,7 +257,7 @@ TAKES = {
     ),
     "Block.keep": Takes({"self": BLOCK, "rays": [0]}, {"rays": np.ones(4, dtype=bool)}),
     "direct_positioning": Takes({"sensor": SENSOR, "block": BLOCK}, {}, others="sensor block ties"),
-    "two_step": Takes({}, {}, others="sensor block unknowns errors mounts tolerance retime max_rounds"),
+    "two_step": Takes({}, {}, others="sensor block unknowns errors mounts tolerance retime surface max_rounds"),
     "Blunders": Takes({}, {"level": TWO, "most": TWO}),
     "calibrate": Takes(
         {}, {}, others="sensor observations unknowns consider errors surface loss blunders reweigh max_steps throw"
