@@ -157,7 +157,7 @@ def at_random(parent, kills, seed):
     out, versions = parent / "out", both_versions(parent)
     count = dict.fromkeys(("kills", "inside", "before_exchange", "after_exchange", "old", "new", "neither", "missing"), 0)
     mark, chance = mmap.mmap(-1, 1), random.Random(seed)
-    put, settle, exchange = whole_folder._put, whole_folder._settle, whole_folder.exchange
+    put, remove, exchange = whole_folder._put, whole_folder._remove, whole_folder.exchange
 
     def marked(function, before, after):
         def call(*arguments):
@@ -171,7 +171,7 @@ def at_random(parent, kills, seed):
     def runs():
         whole_folder._put = marked(put, BEFORE, AFTER)
         whole_folder.exchange = marked(exchange, BEFORE, AFTER)
-        whole_folder._settle = marked(settle, AFTER, OUTSIDE)
+        whole_folder._remove = marked(remove, AFTER, OUTSIDE)
         version = NEW
         while True:
             write(out, version)

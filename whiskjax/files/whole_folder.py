@@ -68,9 +68,12 @@ def whole_folder(folder: str | Path, keep: Callable[[Path], Iterable[str]]) -> I
             (work / "new").mkdir()
             yield work / "new"
             with locked(_beside(folder, "lock")):
-                _put(work, folder, keep)
+                try:
+                    _put(work, folder, keep)
+                finally:
+                    _settle(work, folder)
         finally:
-            _settle(work, folder)
+            _remove(work)
             os.close(held)
     except BaseException:
         for parent in reversed(made):
@@ -91,6 +94,7 @@ def _clear_dead(folder: Path) -> None:
         try:
             if {*os.listdir(path)} <= _PARTS and not is_held(path / "lock"):
                 _settle(path, folder)
+                _remove(path)
         except FileNotFoundError:  # the lock is the last to go
             with contextlib.suppress(OSError):
                 path.rmdir()
@@ -125,12 +129,20 @@ def _put(work: Path, folder: Path, keep: Callable[[Path], Iterable[str]]) -> Non
 
 
 def _settle(work: Path, folder: Path) -> None:
-    """Remove a work folder; first put the old folder back, if it was taken away and nothing came in its place."""
+    """Put the old folder back, if it was taken away and nothing came in its place.
+
+    Only to be called under the lock of the folder: without it the name may be missing for the instant between another run's two
+    renames, and what is put there is in that run's way.
+    """
     with contextlib.suppress(FileNotFoundError):
         if folder.exists():
             (work / "old").rename(work / "gone")  # a half removed folder must never be put back
         else:
             (work / "old").rename(folder)
+
+
+def _remove(work: Path) -> None:
+    """Remove a work folder, with what was settled in it."""
     for name in ("new", "gone"):
         shutil.rmtree(work / name, ignore_errors=True)
     if os.listdir(work) == ["lock"]:  # else something could not be removed, and the next run tries again
