@@ -6,6 +6,7 @@ A program of its own, so that processes can be forked where no JAX has started t
 """
 
 import argparse
+import contextlib
 import hashlib
 import json
 import mmap
@@ -113,6 +114,24 @@ def no_exchange():
     whole_folder.exchange = lambda first, second: False
 
 
+def slow_renames(pause_s=0.003):
+    """Long between two renames and after the lock is let go: as on a busy machine, where another process goes on there."""
+    rename, locked = Path.rename, whole_folder.locked
+
+    def slow(path, target):
+        result = rename(path, target)
+        time.sleep(pause_s)
+        return result
+
+    @contextlib.contextmanager
+    def slowly(path):
+        with locked(path):
+            yield
+        time.sleep(pause_s)
+
+    Path.rename, whole_folder.locked = slow, slowly
+
+
 def at_lines(parent, every, can_exchange):
     """Kills at every Nth line; stops where a run gets to its end."""
     out, versions = parent / "out", both_versions(parent)
@@ -212,6 +231,7 @@ def pairs(parent, count, can_exchange):
         def run(version, start=start, go=go):
             if not can_exchange:
                 no_exchange()
+                slow_renames()
             os.close(go)
             os.read(start, 1)  # ends when nobody holds the other end any more
             write(out, version)
