@@ -15,7 +15,8 @@ from ..rules import RESULTS, arrays_of
 from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
 from .checks import CHECKS
 from .estimate import Estimate
-from .evidence import Evidence, Seen, Words, kinks, numbered, records
+from .evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
+from .fitted import Dense
 from .linearised import LeastSquares, Linearised, independent
 from .model_test import consistency
 from .observations import Observations
@@ -213,6 +214,25 @@ class Calibration(eqx.Module):
         at = self._told
         return reliability(at._ready, at._here, at._formal, at.used)
 
+    @cached_property
+    def _fitted(self) -> Dense:
+        """The residuals of observations that decided, beside all numbers that were estimated or considered."""
+        ready, here, share = self._ready, self._here, np.where(self.used, self._share, 0.0)
+        pull, u = np.sqrt(share)[:, None, None], ready.prior @ here.u
+        rows, size = here.rows, len(here.u)
+        information, prior = ready.prior.T @ ready.prior, ready.prior.T @ u
+        if self._considered is not None:
+            rows = np.concatenate([rows, self._considered.effect], axis=2)
+            more = rows.shape[2] - size
+            information, prior = np.pad(information, (0, more)), np.pad(prior, (0, more))
+            information[size:, size:] = np.eye(more)
+
+        def whitened(pattern_px: Float[np.ndarray, "n 2 d"]) -> Float[np.ndarray, "n 2 d"]:
+            alone = here._replace(rows=triangles(ready.weight) @ pattern_px, rows_px=pattern_px)
+            return pull * independent(ready, alone, (share > 0).astype(float)).rows
+
+        return Dense(pull[..., 0] * here.whitened, pull * rows, information, prior, whitened)
+
     @property
     def check_log_density(self) -> float:
         """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
@@ -246,6 +266,8 @@ class Calibration(eqx.Module):
             most=self._most,
             label=seen.label,
             images=tuple(sorted(set(images))),
+            groups=() if traced else groupings(self.sensor, seen.key, seen.images),
+            along={} if traced else courses(self.sensor, seen.shot, seen.pixel_px),
         )
         return Evidence(
             estimate=at.estimate,
@@ -261,6 +283,7 @@ class Calibration(eqx.Module):
             check=None if traced else self.fit.check,
             components=at.components,
             seen=measured,
+            fit=None if traced or not self.posterior.is_determined else at._fitted,
         )
 
     @cached_property

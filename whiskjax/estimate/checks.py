@@ -16,6 +16,7 @@ from .evidence import Evidence, seen_by
 from .measurement_checks import BESIDE, COPIES, LEFT_OUT, LOPSIDED
 from .model_test import UNLIKELY
 from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK
+from .pattern_checks import PATTERN_CHECKS
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded, judged, probability, several
 from .variance_components import STRETCHED
 
@@ -132,5 +133,5 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 
 CHECKS = (
-    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK, CORRELATION, PRIORS, FAR,
+    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK, CORRELATION, PRIORS, FAR,
 )  # fmt: skip

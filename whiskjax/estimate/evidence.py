@@ -1,13 +1,14 @@
 """What every verb lays before the checks of its verdict: the same fields, whichever verb it was."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..chain.address import node_at
+from ..chain.by import By
 from ..chain.link import AbstractLink
 from ..chain.parameters import Parameters
 from ..chain.sensor import Sensor
@@ -15,7 +16,16 @@ from ..chain.shot import KEYS, Shot
 from ..rules import arrays_of
 from .check_points import CheckTest
 from .estimate import Estimate
+from .fitted import AbstractFitted
 from .variance_components import Components
+
+
+class Grouping(NamedTuple):
+    """Which measurements belong together, by a number each (n,), and what the groups are called: "image", "strip" and so on."""
+
+    kind: str
+    index: Int[np.ndarray, " n"]
+    names: tuple[str, ...]
 
 
 class Words(NamedTuple):
@@ -43,6 +53,7 @@ class Seen:
     - `code`: results of those that the sensor cannot have made where the answer ended; `beside`: used, and measured far beside
       the detector; `record`: numbers that tell one from another, (n, d); `image`: where each belongs, by its number in `images`.
     - `label`: names one for people.
+    - `groups`: what may have an error in common; `along`: what errors may change with, (n,) each, by name.
     """
 
     candidate: Bool[Any, " n"]
@@ -55,6 +66,8 @@ class Seen:
     most: float
     label: Callable[[int], str]
     images: tuple[str, ...]
+    groups: tuple[Grouping, ...] = ()
+    along: Mapping[str, Float[np.ndarray, " n"]] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +81,7 @@ class Evidence:
     - `variance_factor`, of `freedom` degrees, and its `tail` probability: of the residuals (model_test.py).
     - `words`: of the verb, for sentences; `seen`: the measurements, where they were kept.
     - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
+    - `fit`: the residuals and what the fit took of them; None while tracing, and of batches.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
     """
 
@@ -84,6 +98,7 @@ class Evidence:
     check: CheckTest | None = None
     components: Components | None = None
     kinks: tuple[tuple[str, str], ...] = ()
+    fit: AbstractFitted | None = None
 
 
 def seen_by(e: Evidence) -> Seen:
@@ -110,6 +125,37 @@ def kinks(sensor: Sensor, numbers: Estimate | Parameters) -> tuple[tuple[str, st
             node = node_at(sensor, place._replace(path=place.path[:-1]))
             if isinstance(node, AbstractLink) and place.path[-1] in node.kinks:
                 found[name, ".".join((place.link, *place.path[:-1]))] = None
+    return tuple(found)
+
+
+def courses(sensor: Sensor, shot: Shot, pixel_px: Float[np.ndarray, "n 2"]) -> dict[str, Float[np.ndarray, " n"]]:
+    """What errors may change with: time and the place in the image (that across a detector line is the measurement's own error)."""
+    time = {} if shot.time_s is None else {"time": np.broadcast_to(np.asarray(shot.time_s, dtype=float), (len(pixel_px),))}
+    names = ("the sample",) if sensor.is_line else ("the column", "the row")
+    return time | dict(zip(names, np.asarray(pixel_px).T, strict=False))
+
+
+def groupings(
+    sensor: Sensor, key: Callable[[str], Any], images: Sequence[str], strips: Sequence[str] = ()
+) -> tuple[Grouping, ...]:
+    """By image, and by every key that is recorded; names of views and swings are those of the sensor's options.
+
+    **Arguments:** `key`: gives a key of the shots, (n,), or None.
+    """
+    found = []
+    if len(images):
+        names, index = np.unique(np.asarray(images), return_inverse=True)
+        found.append(Grouping("image", index, tuple(map(str, names))))
+    options = {node.key: node.names for node in (*sensor.links, sensor.camera) if isinstance(node, By)} | (
+        {"strip": tuple(strips)} if len(strips) else {}
+    )
+    for name in KEYS:
+        value = key(name)
+        if value is None or (name == "image" and len(images)):
+            continue
+        number = np.asarray(value)
+        names = options.get(name) or tuple(str(i) for i in range(int(number.max()) + 1))
+        found.append(Grouping(name, number, names))
     return tuple(found)
 
 

@@ -26,6 +26,7 @@ from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful
 from .all_looks import Solved, at_last, solve
 from .filter import Step, run
+from .fitted import Residuals
 from .guess import Guess, first_guess, take_sigma
 from .location import Location
 from .look_by_look import LookByLook
@@ -206,6 +207,8 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         result=result,
         shift=state[kinematic:],
         record=records(problem.looks.shot, problem.looks.pixel_px),
+        _time_s=problem.looks.shot.time_s,
+        _residuals=Residuals.of(model, prior, found),
         is_estimated=tuple(share == 1 for share in model.nuisance.share),
         kinks=kinks(problem.sensor, numbers),
         method=method,

@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,11 +13,12 @@ from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.checks import CHECKS
 from ..estimate.estimate import Estimate
-from ..estimate.evidence import Evidence, Seen, Words
+from ..estimate.evidence import Evidence, Grouping, Seen, Words
 from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
 from ..estimate.reason import Reason, by_weight, is_sound, judged, warnings
 from ..rules import RESULTS, Numbers, arrays_of
 from ..rules.results import codes_of
+from .fitted import Residuals
 from .look_by_look import LOOK_CHECKS, LookByLook, Sight
 
 _REMEDY = (
@@ -58,6 +60,8 @@ class Location(eqx.Module):
     result: RESULTS
     shift: Float[Array, " k"]
     record: Float[Array, "looks d"]
+    _time_s: Float[Array, " looks"] | None
+    _residuals: Residuals
     is_estimated: tuple[bool, ...] = eqx.field(static=True)
     kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
@@ -126,6 +130,7 @@ class Location(eqx.Module):
     def evidence(self) -> Evidence:
         """What the checks of the verdict see."""
         looks, n = self.looks, self.looks.nis.shape[0]
+        traced = arrays_of(self.estimate.covariance) is jnp or looks.nis.ndim > 1
         how = (
             "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
         )
@@ -140,6 +145,8 @@ class Location(eqx.Module):
             most=0.5,
             label=_label,
             images=("",),
+            groups=() if traced else (_runs(n),),
+            along={} if traced or self._time_s is None else {"time": np.asarray(self._time_s)},
         )
         return Evidence(
             estimate=self.estimate,
@@ -152,6 +159,7 @@ class Location(eqx.Module):
             kinks=self.kinks,
             words=Words(how, "looks", "look", "innovations", "looks did not pass the gate", _REMEDY),
             seen=measured,
+            fit=None if traced or int(codes_of(self.result)) else self._residuals.fitted(),
         )
 
     @property
@@ -170,6 +178,11 @@ class Location(eqx.Module):
     def warnings(self) -> tuple[str, ...]:
         """What a careful person would say, the most serious first."""
         return warnings(self.reasons)
+
+
+def _runs(looks: int) -> Grouping:
+    """The looks in the order of time, in three parts."""
+    return Grouping("looks", np.arange(looks) * 3 // max(looks, 1), ("first third", "middle third", "last third"))
 
 
 def _label(i: int) -> str:

@@ -20,7 +20,7 @@ from ..check_points import CheckTest
 from ..checks import CHECKS
 from ..errors import FrameErrors
 from ..estimate import Estimate
-from ..evidence import Evidence, Seen, Words, kinks, numbered, records
+from ..evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
 from ..model_test import consistency
 from ..reason import Reason, by_weight, is_sound, judged, warnings
 from ..unknown import Unknown
@@ -29,6 +29,7 @@ from .block import Block
 from .check import checked
 from .checks import BLOCK_CHECKS, Rays
 from .connect import seen_once
+from .fitted import BlockFitted
 from .orientation import ExteriorOrientation, exterior_orientation
 from .prepare import Prepared
 from .solve import Solved
@@ -208,6 +209,8 @@ class Adjustment(eqx.Module):
             most=_MOST,
             label=block.ray_label,
             images=tuple(sorted(set(names))),
+            groups=() if traced else groupings(self.sensor, block.key, block.images, block.strips),
+            along={} if traced else courses(self.sensor, block.shots(), block.pixel_px),
         )
         return Evidence(
             estimate=at.estimate,
@@ -223,7 +226,13 @@ class Adjustment(eqx.Module):
             check=None if traced or int(codes_of(self.result)) else self.check,
             components=at.components,
             seen=measured,
+            fit=None if traced or int(codes_of(self.result)) else self._fitted,
         )
+
+    @cached_property
+    def _fitted(self) -> BlockFitted:
+        """The residuals of rays that took part, beside points, motions and unknowns."""
+        return BlockFitted(self._prepared, self._solved.state, np.asarray(self.used), np.asarray(self._inverse))
 
     @cached_property
     def reasons(self) -> tuple[Reason, ...]:

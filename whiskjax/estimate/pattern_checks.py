@@ -1,0 +1,258 @@
+"""Checks of residuals: what errors that nobody modelled would leave in them.
+
+The sum of squares of all residuals says little of a few of them, and nothing once their sigmas were estimated. Here each
+measurement, each group of them (image, strip, view, swing) and their course along time and over the image is asked by itself.
+A finding is beyond chance, whichever of a family is found; it fails the answer where it also is of consequence: where it moved
+what was estimated by more than a sigma, or sigmas by more than a tenth.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.sparse import csc_array
+
+from .evidence import Evidence, Grouping, Seen, seen_by
+from .fitted import AbstractFitted, Score, scores
+from .model_test import chi_square_tail
+from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, probability, several
+
+FAMILY = 1e-3  # the chance that a test finds something in a family of clean measurements, however many members it has
+_MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
+_FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
+_DEGREES = 3  # of polynomials
+_CONTROLLED = 0.05  # of a measurement's redundancy: below it the others do not control it (Baarda), and it is not tested
+_AXES = ("sample", "line")
+
+
+def _single(e: Evidence) -> Figures:
+    """The measurement that is the farthest from where the others put it, by its own covariance."""
+    if e.fit is None or e.seen is None or not (used := _used(e.seen, e.fit)).any():
+        return np.asarray(FINE), {}
+    values, vectors = np.linalg.eigh(e.fit.left)
+    seen = values > _CONTROLLED
+    along = np.where(seen, np.einsum("nij,ni->nj", vectors, e.fit.residual), 0.0) / np.sqrt(np.where(seen, values, 1.0))
+    squared = np.where(used, (along**2).sum(axis=1), 0.0)
+    worst, count = int(squared.argmax()), int(used.sum())
+    chance = count * chi_square_tail(squared[worst], 2)
+    # External reliability: the part of its size that the fit took.
+    size = vectors[worst] @ (along[worst] / np.sqrt(np.where(seen[worst], values[worst], 1.0)))
+    moves = math.sqrt(max(float(size @ (np.eye(2) - e.fit.left[worst]) @ size), 0.0))
+    grade = graded(FAILURE, (chance < FAMILY) & (moves > _MOVES), graded(CAUTION, chance < FAMILY))
+    return grade, {"measurement": worst, "sigmas": math.sqrt(squared[worst]), "moves": moves, "chance": chance}
+
+
+def _say_single(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    label, sigmas, moves = seen_by(e).label(int(found["measurement"])), float(found["sigmas"]), float(found["moves"])
+    yield (
+        f"{label} lies {sigmas:.3g} sigma from where all else puts it, and moved the answer by {moves:.2g} sigma: is it the right "
+        "point?",
+        {"measurement": label, "sigmas": sigmas, "moves": moves},
+    )
+
+
+SINGLE = Check("one measurement", _single, _say_single)
+
+
+def _shifted(e: Evidence) -> Figures:
+    """Groups whose residuals have a mean."""
+    if e.fit is None or e.seen is None or not (found := list(_groups(e.seen, e.fit))):
+        return np.asarray(FINE), {}
+    return _graded(scores(e.fit, *_constants([members for _, _, members in found])))
+
+
+def _say_shifted(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    assert e.fit is not None
+    groups = list(_groups(seen_by(e), e.fit))
+    worst, *others = _found(found)
+    kind, name, _ = groups[worst]
+    x, y = found["size"][worst][:2]
+    named = [f"{groups[i][0]} {groups[i][1]}" for i in others]
+    more = f"; so are those of {several(named)}" if named else ""
+    yield (
+        f"the residuals of {kind} {name} are shifted by {x:+.2g} and {y:+.2g} px ({_sigmas(found, worst)}): an error that all of "
+        f"it shares{more}",
+        {kind: name, "groups": [groups[i][1] for i in (worst, *others)], "shift_px": (float(x), float(y))},
+    )
+
+
+SHIFTED = Check("a group shifted", _shifted, _say_shifted)
+
+
+def _sized(e: Evidence) -> Figures:
+    """Groups whose residuals are larger than their sigmas say, and by more than a tenth."""
+    if e.fit is None or e.seen is None or not (found := list(_groups(e.seen, e.fit, whole=True))):
+        return np.asarray(FINE), {}
+    left = np.einsum("naa->na", e.fit.left)
+    squares, freedom = (
+        np.array([of[members].sum(axis=0) for _, _, members in found]).reshape(-1) for of in (e.fit.residual**2, left)
+    )
+    asked = freedom > _FEWEST
+    tail = np.array([chi_square_tail(s, f) if a else 1.0 for s, f, a in zip(squares, freedom, asked, strict=True)])
+    factor = np.sqrt(np.where(asked, squares, 1.0) / np.where(asked, freedom, 1.0))
+    bad = (tail * max(asked.sum(), 1) < FAMILY) & (factor > _STRETCHES)
+    return graded(FAILURE, bad.any()), {"bad": bad, "factor": factor, "tail": tail}
+
+
+def _say_sized(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    assert e.fit is not None
+    groups = list(_groups(seen_by(e), e.fit, whole=True))
+    order = [int(i) for i in np.argsort(-found["factor"]) if found["bad"][i]]
+    parts = [f"{groups[i // 2][0]} {groups[i // 2][1]} along the {_AXES[i % 2]} {found['factor'][i]:.3g}" for i in order]
+    kind, name, _ = groups[order[0] // 2]
+    yield (
+        f"residuals are larger than their sigmas say, more than chance explains (probability: "
+        f"{probability(float(found['tail'][order[0]]))}), in some groups, by a factor: {several(parts)}",
+        {kind: name, "groups": [groups[i // 2][1] for i in order], "factor": float(found["factor"][order[0]])},
+    )
+
+
+SIZED = Check("a group too large", _sized, _say_sized)
+
+
+def _bent(e: Evidence) -> Figures:
+    """Whether residuals follow a polynomial along time or over the image."""
+    if e.fit is None or e.seen is None or not (found := _courses(e.seen, e.fit)):
+        return np.asarray(FINE), {}
+    patterns = [_polynomials(value, members) for _, value, members in found]
+    width = patterns[0].shape[1]
+    return _graded(
+        scores(e.fit, np.concatenate(patterns, axis=1), [slice(i, i + width) for i in range(0, width * len(found), width)])
+    )
+
+
+def _say_bent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    assert e.fit is not None
+    along = [name for name, *_ in _courses(seen_by(e), e.fit)]
+    worst, *others = _found(found)
+    more = f", as along {several([along[i] for i in others])}" if others else ""
+    yield (
+        f"the residuals follow a curve along {along[worst]} ({_sigmas(found, worst)}){more}: the model lacks something that "
+        "changes with it",
+        {"along": along[worst]},
+    )
+
+
+BENT = Check("a curve in the residuals", _bent, _say_bent)
+
+
+def _wandering(e: Evidence) -> Figures:
+    """Correlation of each residual with the next, along time and over the image."""
+    if e.fit is None or e.seen is None or not (found := _courses(e.seen, e.fit)):
+        return np.asarray(FINE), {}
+    tail, correlation, apart = (np.array(of) for of in zip(*(_neighbours(e.fit, v, m) for _, v, m in found), strict=True))
+    bad = (2 * len(found) * tail < FAMILY) & (np.sqrt((1 + correlation) / np.maximum(1 - correlation, 1e-3)) > _STRETCHES)
+    return graded(FAILURE, bad.any()), {"bad": bad, "correlation": correlation, "apart": apart}
+
+
+def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[float], list[float], float]:
+    """Of each axis the chance of so much correlation between neighbours, the correlation, and how far these are apart.
+
+    Products of independent residuals have the mean 0 and the variance 1; the fit makes their mean a little negative.
+    """
+    index = np.flatnonzero(members)[np.argsort(value[members], kind="stable")]
+    scale = np.sqrt(np.maximum(np.einsum("naa->na", fit.left[index]), 1e-6))
+    r = fit.residual[index] / scale
+    r = r / np.maximum(np.sqrt((r**2).mean(axis=0)), 1e-12)
+    product = (r[1:] * r[:-1]).sum(axis=0)
+    z = product / math.sqrt(len(index) - 1)
+    tail = [0.5 * math.erfc(float(each) / math.sqrt(2)) for each in z]
+    return tail, (product / (len(index) - 1)).tolist(), float(np.median(np.diff(value[index])))
+
+
+def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    assert e.fit is not None
+    names = [name for name, *_ in _courses(seen_by(e), e.fit)]
+    rho = np.where(found["bad"], found["correlation"], -1.0)
+    course, axis = np.unravel_index(int(rho.argmax()), rho.shape)
+    most, name, apart = float(rho.max()), names[course], float(found["apart"][course])
+    memory_s = apart / -math.log(min(most, 0.99)) if name == "time" else None
+    cure = (
+        ""
+        if memory_s is None
+        else (f"; state them: errors=[FrameErrors(frame, turn sigmas, shift sigmas, correlation_s={memory_s:.2g})]")
+    )
+    yield (
+        f"neighbours along {name} err alike (correlation {most:.2f} of the {_AXES[axis]}): there are fewer independent "
+        f"{e.words.noun} than counted, and sigmas come out too small by {math.sqrt((1 + most) / (1 - min(most, 0.99))):.2g}{cure}",
+        {"along": name, "correlation": most, "correlation_s": memory_s},
+    )
+
+
+WANDERING = Check("residuals hang together", _wandering, _say_wandering)
+
+PATTERN_CHECKS = (SINGLE, SHIFTED, SIZED, BENT, WANDERING)
+
+
+def _used(seen: Seen, fit: AbstractFitted) -> Bool[np.ndarray, " n"]:
+    """Measurements that decided and have a residual."""
+    return np.asarray(seen.used) & np.isfinite(fit.residual).all(axis=1)
+
+
+def _groups(seen: Seen, fit: AbstractFitted, whole: bool = False) -> Iterable[tuple[str, str, Bool[np.ndarray, " n"]]]:
+    """Kind, name and members of each group; groups that are all of the measurements only where `whole` ones are asked for."""
+    used = _used(seen, fit)
+    told = set()
+    for grouping in (*seen.groups, *((Grouping("all", np.zeros(len(used), dtype=int), ("measurements",)),) if whole else ())):
+        for i, name in enumerate(grouping.names):
+            members = used & (grouping.index == i)
+            key = members.tobytes()
+            if _FEWEST <= members.sum() and (whole or members.sum() < used.sum()) and key not in told:
+                told.add(key)  # a strip of one image is that image
+                yield grouping.kind, name, members
+
+
+def _courses(seen: Seen, fit: AbstractFitted) -> list[tuple[str, Any, Bool[np.ndarray, " n"]]]:
+    """What residuals may change with, and the measurements of which it is known."""
+    used, found = _used(seen, fit), []
+    for name, value in seen.along.items():
+        members = used & np.isfinite(value)
+        if members.sum() >= _ORDERED and len(np.unique(value[members])) > 2 * _DEGREES:
+            found.append((name, np.asarray(value), members))
+    return found
+
+
+def _constants(groups: list[Bool[np.ndarray, " n"]]) -> tuple[Any, list[slice]]:
+    """One pixel along either axis, of each group."""
+    index = [np.flatnonzero(members) for members in groups]
+    rows = np.concatenate([part for i in index for part in (2 * i, 2 * i + 1)])
+    columns = np.concatenate([np.full(len(i), 2 * g + a) for g, i in enumerate(index) for a in range(2)])
+    pattern = csc_array((np.ones(len(rows)), (rows, columns)), (2 * len(groups[0]), 2 * len(groups)))
+    return pattern, [slice(2 * g, 2 * g + 2) for g in range(len(groups))]
+
+
+def _polynomials(value: Float[np.ndarray, " n"], members: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "coordinates d"]:
+    """Legendre's, from the first degree on, of a value scaled to -1 to 1; along either axis."""
+    low, high = value[members].min(), value[members].max()
+    scaled = np.where(members, 2 * (value - low) / (high - low) - 1, 0.0)
+    each = np.polynomial.legendre.legvander(scaled, _DEGREES)[:, 1:] * members[:, None]
+    return np.einsum("nd,ab->nadb", each, np.eye(2)).reshape(2 * len(value), -1)
+
+
+def _graded(found: list[Score]) -> Figures:
+    """Of a family: beyond chance for the best of all its members; a failure where it moved something."""
+    tail, moves, statistic, freedom = (
+        np.array([getattr(one, name) for one in found]) for name in ("tail", "moves", "statistic", "freedom")
+    )
+    beyond = tail * max((freedom > 0).sum(), 1) < FAMILY
+    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
+    return grade, {
+        "beyond": beyond,
+        "moves": moves,
+        "statistic": statistic,
+        "freedom": freedom,
+        "size": np.array([one.size for one in found]),
+    }
+
+
+def _found(found: dict[str, Any]) -> list[int]:
+    """Members beyond chance, the most significant first."""
+    order = np.argsort(-(found["statistic"] - found["freedom"]))
+    return [int(i) for i in order if found["beyond"][i]]
+
+
+def _sigmas(found: dict[str, Any], i: int) -> str:
+    said = f"{math.sqrt(float(found['statistic'][i])):.3g} sigma"
+    return f"{said}, and moved the answer by {float(found['moves'][i]):.2g}"
