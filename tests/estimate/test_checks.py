@@ -54,7 +54,7 @@ def evidence(covariance=None, prior_share=None, cost=50.0, freedom=50, result=RE
         "outlying": ~everyone,
         "code": np.zeros(N, dtype=np.int32),
         "beside": ~everyone,
-        "record": rng.normal(size=(N, 5)),
+        "record": 1e3 * rng.normal(size=(N, 5)),
         "image": np.repeat([0, 1, 2], N // 3),
         "most": 0.5,
         "kinks": (),
@@ -64,7 +64,7 @@ def evidence(covariance=None, prior_share=None, cost=50.0, freedom=50, result=RE
         "check": CheckTest(4.0, 6, 0.68, ("P1",), (1.2,)),
     }
     fields |= more
-    seen = Seen(**{name.name: fields.pop(name.name) for name in dataclasses.fields(Seen)})
+    seen = Seen(**{name.name: fields.pop(name.name) for name in dataclasses.fields(Seen) if name.name in fields})
     return Evidence(**fields, seen=seen)
 
 
@@ -76,7 +76,7 @@ def some(which):
 
 def twice(*pairs):
     """Records of which some are those of others."""
-    record = np.random.default_rng(0).normal(size=(N, 5))
+    record = 1e3 * np.random.default_rng(0).normal(size=(N, 5))
     for copy, of in pairs:
         record[copy] = record[of]
     return record

@@ -5,6 +5,7 @@ All are one link: a small motion (turn, shift) that is a weighted sum of coeffic
 
 import abc
 from collections.abc import Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -74,6 +75,7 @@ class Bias(AbstractBasis):
 class Drift(AbstractBasis):
     """Two coefficients: the value at `start_s`, and the change over `span_s` (Wang et al. 2018, equation 6: a + b (t - t0))."""
 
+    given: ClassVar = ("start_s", "span_s")
     start_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     span_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
@@ -103,6 +105,7 @@ class AbstractUniform(AbstractBasis):
     The coefficients of all segments follow each other in one array.
     """
 
+    given: ClassVar = ("start_s", "spacing_s")
     start_s: Float[Array, " segments"] = eqx.field(converter=jnp.atleast_1d)
     spacing_s: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     nodes: tuple[int, ...] = eqx.field(static=True)

@@ -138,6 +138,7 @@ def calibrate(
         _considered=moved,
         _share=share,
         _most=0.5 if blunders is None else blunders.most,
+        _considered_places=tuple(x.places for x in considered.unknowns),
     )
     if throw and not traced:
         _raise(answer)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..chain.detector import lies_beside
+from ..chain.parameters import Places
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, arrays_of
 from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
@@ -24,6 +25,7 @@ from .posterior import Posterior, posterior
 from .reason import Reason, by_weight, is_sound, judged, warnings
 from .reliability import Reliability, foreseen, log_density, of_common_points, reliability
 from .surveys import triangles
+from .suspects import Suspects, suspects
 from .unknown import Unknown
 from .variance_components import Components
 
@@ -133,6 +135,7 @@ class Calibration(eqx.Module):
     _considered: Considered | None
     _share: Float[Any, " n"]
     _most: float = eqx.field(static=True)
+    _considered_places: Places = eqx.field(static=True)
 
     @property
     def value(self) -> Float[Any, " k"]:
@@ -233,6 +236,12 @@ class Calibration(eqx.Module):
 
         return Dense(pull[..., 0] * here.whitened, pull * rows, information, prior, whitened)
 
+    @cached_property
+    def _suspects(self) -> Suspects:
+        """What was taken as known."""
+        seen = self.observations
+        return suspects(self.sensor, seen.shot, seen.point_m, (*self.estimate.places, *self._considered_places))
+
     @property
     def check_log_density(self) -> float:
         """The mean logarithm of the probability density, per pixel^2, that the calibration gave to each check point before
@@ -251,6 +260,7 @@ class Calibration(eqx.Module):
         kept = at.used if ready.problem.loss is None else at.used & (here.squared <= BLUNDER**2)
         rows = math.sqrt(math.where(at.used, at._share, 0.0))[:, None, None] * here.rows
         factor, tail, *_ = consistency(at.estimate.cost, at.estimate.freedom) if traced else self.fit
+        is_judged = not traced and self.posterior.is_determined and not here.unseen.any()
         images = seen.images or ("",) * len(seen)
         outliers = WORDS.outliers
         if ready.problem.loss is not None:
@@ -261,7 +271,7 @@ class Calibration(eqx.Module):
             outlying=control & ~kept,
             code=here.unseen,
             beside=lies_beside(self.sensor, seen.shot, seen.pixel_px) & at.used,
-            record=records(seen.shot, seen.point_m, seen.pixel_px),
+            record=records(seen.shot, seen.pixel_px, seen.sigma_px),
             image=numbered(images),
             most=self._most,
             label=seen.label,
@@ -283,7 +293,9 @@ class Calibration(eqx.Module):
             check=None if traced else self.fit.check,
             components=at.components,
             seen=measured,
-            fit=None if traced or not self.posterior.is_determined else at._fitted,
+            widened=0.0 if at._considered is None else (at._considered.moved**2).sum(axis=1),
+            suspects=at._suspects if is_judged else None,
+            fit=at._fitted if is_judged else None,
         )
 
     @cached_property

@@ -18,6 +18,7 @@ from .model_test import UNLIKELY
 from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK
 from .pattern_checks import PATTERN_CHECKS
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded, judged, probability, several
+from .suspect_checks import SUSPECT_CHECKS
 from .variance_components import STRETCHED
 
 _SMALL = 0.5  # of the variance factor: below it sigmas are called too large
@@ -113,18 +114,24 @@ CHECK_POINTS = Check("check points", _checked, _say_checked)
 def _stretched(e: Evidence) -> Figures:
     if e.components is None:
         return np.asarray(FINE), {}
-    return graded(FAILURE, e.components.is_stretched.any()), {"factor": e.components.factor}
+    doubtful = graded(CAUTION, e.components.is_doubtful.any())
+    return graded(FAILURE, e.components.is_stretched.any(), doubtful), {"factor": e.components.factor}
 
 
 def _say_stretched(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.components is not None
-    for g in np.flatnonzero(e.components.is_stretched).tolist():
+    stretched = e.components.is_stretched
+    for g in np.flatnonzero(stretched if stretched.any() else e.components.is_doubtful).tolist():
         factor, name = float(e.components.factor[g]), e.components.names[g]
         large = factor > 1
         times, why = (factor, "look for blunders, or an error that many share, or state") if large else (1 / factor, "state")
         yield (
-            f"the errors of {name} are {times:.3g} times {'larger' if large else 'smaller'} than their sigmas say: beyond a "
-            f"factor of {STRETCHED:g} that is a finding, not a weight; {why} the sigma anew",
+            f"the errors of {name} are {times:.3g} times {'larger' if large else 'smaller'} than their sigmas say: "
+            + (
+                f"beyond a factor of {STRETCHED:g} that is a finding, not a weight; {why} the sigma anew"
+                if stretched[g]
+                else "look why"
+            ),
             {"group": name, "sigma_factor": factor},
         )
 
@@ -133,5 +140,6 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 
 CHECKS = (
-    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK, CORRELATION, PRIORS, FAR,
+    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK,
+    CORRELATION, PRIORS, FAR,
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,10 @@ from ..rules import arrays_of
 from .check_points import CheckTest
 from .estimate import Estimate
 from .fitted import AbstractFitted
+from .suspects import Suspects, Suspicions, tested
 from .variance_components import Components
+
+_SAME_S, _SAME_SIGMAS = 1e-7, 0.01  # times, and pixels in their sigmas, that are the same
 
 
 class Grouping(NamedTuple):
@@ -81,6 +85,8 @@ class Evidence:
     - `variance_factor`, of `freedom` degrees, and its `tail` probability: of the residuals (model_test.py).
     - `words`: of the verb, for sentences; `seen`: the measurements, where they were kept.
     - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
+    - `widened`: how much of each prior's variance what is considered adds to the answer's, (k,).
+    - `suspects`: what numbers that nobody estimated do to the pixels, and every image's own pose.
     - `fit`: the residuals and what the fit took of them; None while tracing, and of batches.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
     """
@@ -98,7 +104,16 @@ class Evidence:
     check: CheckTest | None = None
     components: Components | None = None
     kinks: tuple[tuple[str, str], ...] = ()
+    widened: Float[Any, " k"] | float = 0.0
+    suspects: Suspects | None = None
     fit: AbstractFitted | None = None
+
+    @cached_property
+    def suspicions(self) -> Suspicions | None:
+        """The score tests of the suspects; None where there are none."""
+        if self.fit is None or self.suspects is None or not self.suspects.names:
+            return None
+        return tested(self.fit, self.suspects)
 
 
 def seen_by(e: Evidence) -> Seen:
@@ -107,14 +122,18 @@ def seen_by(e: Evidence) -> Seen:
     return e.seen
 
 
-def records(shot: Shot, *columns: Any) -> Float[Any, "n d"]:
-    """Numbers that tell one measurement from another: time, keys and those given, (n,) or (n, m) each."""
-    n = len(columns[0])
-    keys = [value for key in ("time_s", *KEYS) if (value := getattr(shot, key)) is not None]
-    math = arrays_of((keys, columns))
-    wide = [math.broadcast_to(math.asarray(value, dtype=float), (n,)) for value in keys]
-    parts = [part[:, None] if part.ndim == 1 else part for part in (*wide, *map(math.asarray, columns))]
-    return math.nan_to_num(math.concatenate([part.astype(float) for part in parts], axis=1))
+def records(shot: Shot, pixel_px: Float[Any, "n 2"], sigma_px: Float[Any, "n 2"]) -> Float[Any, "n d"]:
+    """What tells one measurement from another: keys, time, and the pixel, in units below which two are the same.
+
+    Whichever point it is said to be: two rays through one pixel are one ray.
+    """
+    n = len(pixel_px)
+    told = [(key, value) for key in (*KEYS, "time_s") if (value := getattr(shot, key)) is not None]
+    math = arrays_of((told, pixel_px, sigma_px))
+    columns = [math.broadcast_to(math.asarray(v, dtype=float), (n,)) / (_SAME_S if key == "time_s" else 0.5) for key, v in told]
+    sigma_px = math.broadcast_to(math.asarray(sigma_px), (n, 2))
+    columns += list((math.asarray(pixel_px) / (_SAME_SIGMAS * sigma_px)).T[::-1])  # the sample last
+    return math.nan_to_num(math.stack(columns, axis=1), nan=0.0)
 
 
 def kinks(sensor: Sensor, numbers: Estimate | Parameters) -> tuple[tuple[str, str], ...]:
@@ -129,7 +148,7 @@ def kinks(sensor: Sensor, numbers: Estimate | Parameters) -> tuple[tuple[str, st
 
 
 def courses(sensor: Sensor, shot: Shot, pixel_px: Float[np.ndarray, "n 2"]) -> dict[str, Float[np.ndarray, " n"]]:
-    """What errors may change with: time and the place in the image (that across a detector line is the measurement's own error)."""
+    """What errors may change with: time and the place in the image, of a detector line the sample alone."""
     time = {} if shot.time_s is None else {"time": np.broadcast_to(np.asarray(shot.time_s, dtype=float), (len(pixel_px),))}
     names = ("the sample",) if sensor.is_line else ("the column", "the row")
     return time | dict(zip(names, np.asarray(pixel_px).T, strict=False))

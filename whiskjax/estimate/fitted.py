@@ -2,8 +2,8 @@
 
 Measurements whose whitened errors are e have the residuals r = M e, M = 1 - R C R^T, with R the derivatives by all that was
 estimated (priors are further measurements) and C its covariance. An error a, known but for its size s, leaves M a s. With
-G = a^T M a its size would come out as s = G^-1 a^T r, of covariance G^-1, and s^T G s is chi-square where there is none (Rao 1948):
-by so much the sum of squares would fall were it estimated. What it did to all that was estimated instead is, in sigmas,
+G = a^T M a its size would come out as s = G^-1 a^T r, of covariance G^-1, and s^T G s is chi-square where there is none (Rao
+1948): by so much the sum of squares would fall were it estimated. What it did to all that was estimated instead is, in sigmas,
 sqrt(s^T (a^T a - G) s): Baarda's external reliability (1968). An error that the fit takes whole, G = 0, cannot be seen.
 
 One solve with what the adjustment already has answers for any number of patterns.
@@ -19,7 +19,7 @@ from scipy.sparse import issparse
 
 from .model_test import chi_square_tail
 
-_VISIBLE = 1e-4  # of a pattern's square: where the fit leaves less, the error of linearising decides
+VISIBLE = 1e-4  # of a pattern's square: where the fit leaves less, the error of linearising decides
 
 
 class Gram(NamedTuple):
@@ -116,12 +116,12 @@ def scores(fit: AbstractFitted, pattern_px: Any, groups: list[slice]) -> list[Sc
 def _score(slope: Any, whole: Any, taken: Any) -> Score:
     length = np.sqrt(np.where(whole.diagonal() > 0, whole.diagonal(), 1.0))
     values, vectors = np.linalg.eigh((whole - taken) / np.outer(length, length))
-    seen = values > _VISIBLE
+    seen = values > VISIBLE
     along = (vectors[:, seen] / np.sqrt(values[seen])) / length[:, None]
     size = along @ (along.T @ slope)
     statistic = float(np.sum((along.T @ slope) ** 2))
     moves = math.sqrt(max(float(size @ taken @ size), 0.0))
     # What cannot be seen at all has no sigma.
-    hidden = (vectors[:, ~seen] ** 2).sum(axis=1) > _VISIBLE
+    hidden = (vectors[:, ~seen] ** 2).sum(axis=1) > VISIBLE
     sigma = np.where(hidden, np.inf, np.sqrt((along**2).sum(axis=1)))
     return Score(statistic, int(seen.sum()), chi_square_tail(statistic, int(seen.sum())), size, sigma, moves)

@@ -11,6 +11,8 @@ from .evidence import Evidence, seen_by
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, several
 
 _LOPSIDED = 0.3  # of an image's measurements
+_MANY = 0.1  # of the measurements: as copies they make sigmas too small by a twentieth
+_BESIDE = 32  # measurements, in the order of one coordinate, among which copies are looked for
 
 
 def _left_out(e: Evidence) -> Figures:
@@ -65,21 +67,32 @@ LOPSIDED = Check("one image", _lopsided, _say_lopsided)
 
 
 def _copies(e: Evidence) -> Figures:
-    """Measurements that are copies: sorted, each equals the one before."""
+    """Measurements that are copies, or as good as: sorted by the last entry of their records, each beside the next ones."""
     if (seen := e.seen) is None:
         return np.asarray(FINE), {}
     math_ = arrays_of((seen.record, seen.used))
-    order = math_.lexsort((*seen.record.T, ~seen.used))
+    order, copies = math_.lexsort((seen.record[:, -1], ~seen.used)), False
     rows, used = seen.record[order], seen.used[order]
-    copies = ((rows[1:] == rows[:-1]).all(axis=1) & used[1:]).sum()
-    return graded(CAUTION, copies > 0), {"copies": copies}
+    for away in range(1, min(_BESIDE, len(rows))):
+        same = (abs(rows[away:] - rows[:-away]) < 1).all(axis=1) & used[away:]
+        copies = copies | math_.concatenate([np.zeros(away, dtype=bool), same])
+    index = math_.zeros(len(order), dtype=bool)
+    count, whole = math_.asarray(copies + index).sum(dtype=float), seen.used.sum(dtype=float)
+    return graded(FAILURE, count > _MANY * whole, graded(CAUTION, count > 0)), {"copies": count, "of": whole}
 
 
 def _say_copies(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     seen = seen_by(e)
     index = np.flatnonzero(seen.used)
-    _, first, count = np.unique(seen.record[index], axis=0, return_index=True, return_counts=True)
-    groups = [(seen.label(int(index[i])), int(c)) for i, c in zip(first, count, strict=True) if c > 1]
+    index = index[np.argsort(seen.record[index, -1], kind="stable")]
+    rows, copied = seen.record[index], np.zeros(len(index), dtype=bool)
+    times: dict[int, int] = {}
+    for i, row in enumerate(rows):
+        like = i + 1 + np.flatnonzero((abs(rows[i + 1 : i + _BESIDE] - row) < 1).all(axis=1)) if not copied[i] else []
+        copied[like] = True
+        if len(like):
+            times[int(index[i])] = 1 + len(like)
+    groups = [(seen.label(i), times[i]) for i in sorted(times)]
     label, c = groups[0]
     more = f", and {len(groups) - 1} more have copies" if len(groups) > 1 else ""
     yield (

@@ -4,11 +4,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import gammaincc
+from jax.scipy.special import gammaincc as gammaincc_traced
+from scipy.special import gammaincc, gammainccinv
 
 from ..rules import arrays_of
 
 UNLIKELY = 1e-4  # what chance explains less often than this, it does not explain
+FAMILY = 1e-3  # the chance that something is found in a family of clean tests, however many there are
 
 
 def chi_square_tail(value: Any, freedom: Any) -> Any:
@@ -16,7 +18,12 @@ def chi_square_tail(value: Any, freedom: Any) -> Any:
     if arrays_of((value, freedom)) is np:
         return float(gammaincc(0.5 * float(freedom), 0.5 * float(value))) if freedom > 0 else 1.0
     value, freedom = jnp.asarray(value, dtype=float), jnp.asarray(freedom, dtype=float)
-    return jnp.where(freedom > 0, gammaincc(0.5 * jnp.maximum(freedom, 1.0), 0.5 * value), 1.0)
+    return jnp.where(freedom > 0, gammaincc_traced(0.5 * jnp.maximum(freedom, 1.0), 0.5 * value), 1.0)
+
+
+def chi_square_bound(probability: float, freedom: int) -> float:
+    """What a chi-square variable exceeds with a probability."""
+    return 2 * float(gammainccinv(0.5 * freedom, probability))
 
 
 def consistency(cost: Any, freedom: Any) -> tuple[Any, Any, Any]:
@@ -27,7 +34,7 @@ def consistency(cost: Any, freedom: Any) -> tuple[Any, Any, Any]:
     **Returns:** the variance factor (1 where residuals are as large as their sigmas say), the probability of a larger one, and
     whether the fit is sound: not larger than chance explains at 1e-4. Smaller than expected is a warning, not a failure.
     """
-    math, tail = arrays_of((cost, freedom)), chi_square_tail(cost, freedom)
-    freedom = math.asarray(freedom, dtype=float)
+    xp, tail = arrays_of((cost, freedom)), chi_square_tail(cost, freedom)
+    freedom = xp.asarray(freedom, dtype=float)
     there = freedom > 0
-    return math.where(there, math.asarray(cost) / math.maximum(freedom, 1.0), np.nan), tail, ~there | (tail > UNLIKELY)
+    return xp.where(there, xp.asarray(cost) / xp.maximum(freedom, 1.0), np.nan), tail, ~there | (tail > UNLIKELY)

@@ -8,12 +8,15 @@ import numpy as np
 
 from ..rules import arrays_of
 from .evidence import Evidence
+from .model_test import FAMILY, chi_square_bound
 from .posterior import directions, rank_of
-from .reason import CAUTION, FINE, Check, Figures, Said, graded
+from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, several
 
 PRIOR_ONLY = 0.05  # of the prior variance: data that took less of it away said nothing new
 CORRELATED, INSEPARABLE = 0.9, 0.95
 _MOSTLY_DATA, _FAR = 0.5, 3.0  # of the prior variance; prior sigmas
+_MOVABLE = 1e-3  # of the prior variance: of a number that can move less, the data say nothing
+_LISTED = 6  # names
 
 
 def _rank(e: Evidence) -> Figures:
@@ -67,11 +70,33 @@ PRIORS = Check("prior alone", _prior_only, _say_prior_only)
 
 
 def _far(e: Evidence) -> Figures:
+    """Numbers that ended where their prior hardly lets them.
+
+    Where the prior is right the answer lies by N(0, 1 - C) off its mean, C what the data left of its variance. What is considered
+    adds to that. A prior that is wrong moved its number by C / (1 - C) of the distance, and others by fewer of their sigmas.
+    """
+    math_ = arrays_of((e.shift, e.estimate.prior_share))
+    share = math_.asarray(e.estimate.prior_share)
+    spread = 1 - share + e.widened
+    there = e.estimated & math_.isfinite(e.shift) & (spread > _MOVABLE)
+    spread, shift = math_.where(there, spread, 1.0), math_.where(there, e.shift, 0.0)
     far = e.estimated & (abs(e.shift) > _FAR)
-    return graded(CAUTION, far.any()), {"shift": e.shift}
+    beyond = (shift**2 / spread > chi_square_bound(FAMILY / max(len(e.estimate.names), 1), 1)) & there
+    moves = math_.sqrt(math_.where(there, share, 0.0)) * abs(shift) / spread
+    grade = graded(FAILURE, (beyond & (moves > 1)).any(), graded(CAUTION, far.any()))
+    return grade, {"shift": e.shift, "contradicted": beyond & (moves > 1), "moves": moves}
 
 
 def _say_far(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    names, wrong = e.estimate.names, np.flatnonzero(found["contradicted"])
+    if wrong.size:
+        of = {names[i]: float(found["shift"][i]) for i in wrong}
+        parts = ", ".join(
+            f"{names[i]} (by {abs(of[names[i]]):.3g} prior sigmas, which moved it by {found['moves'][i]:.2g} of its own)"
+            for i in wrong
+        )
+        yield f"the data contradict the prior of {parts}: one of the two is wrong", {"sigmas": of}
+        return
     index = np.flatnonzero(np.asarray(e.estimated) & (np.abs(found["shift"]) > _FAR))
     shift = {e.estimate.names[i]: float(found["shift"][i]) for i in index}
     parts = ", ".join(f"{name} {abs(value):.1f}" for name, value in shift.items())
@@ -91,15 +116,20 @@ def _correlated(e: Evidence) -> Figures:
 
 
 def _say_correlated(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
-    """Groups that hang together by strong correlations, the strongest first."""
+    """Groups that hang together by strong correlations, in one line, the strongest first."""
     rho, names = found["correlation"], e.estimate.names
+    told = []
     for group in _groups(abs(rho) > CORRELATED):
         within = rho[np.ix_(group, group)]
-        most = float(within.ravel()[np.abs(within).argmax()])
-        named = [names[i] for i in group]
+        told.append((float(within.ravel()[np.abs(within).argmax()]), [names[i] for i in group]))
+    told.sort(key=lambda one: -abs(one[0]))
+    parts = []
+    for most, named in told:
         kind = "cannot be told apart" if abs(most) > INSEPARABLE else "are strongly correlated"
-        upto = "correlation" if len(group) == 2 else "correlations up to"
-        yield f"{', '.join(named[:-1])} and {named[-1]} {kind}: {upto} {most:+.3f}", {"unknowns": named, "correlation": most}
+        listed = several(named) if len(named) > _LISTED else f"{', '.join(named[:-1])} and {named[-1]}"
+        parts.append(f"{listed} {kind}: {'correlation' if len(named) == 2 else 'correlations up to'} {most:+.3f}")
+    most, named = told[0]
+    yield "; ".join(parts), {"unknowns": named, "correlation": most, "groups": [members for _, members in told]}
 
 
 def _groups(tied: Any) -> list[list[int]]:

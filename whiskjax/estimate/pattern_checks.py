@@ -16,10 +16,9 @@ from scipy.sparse import csc_array
 
 from .evidence import Evidence, Grouping, Seen, seen_by
 from .fitted import AbstractFitted, Score, scores
-from .model_test import chi_square_tail
+from .model_test import FAMILY, chi_square_tail
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, probability, several
 
-FAMILY = 1e-3  # the chance that a test finds something in a family of clean measurements, however many members it has
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
 _DEGREES = 3  # of polynomials
@@ -47,8 +46,8 @@ def _single(e: Evidence) -> Figures:
 def _say_single(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     label, sigmas, moves = seen_by(e).label(int(found["measurement"])), float(found["sigmas"]), float(found["moves"])
     yield (
-        f"{label} lies {sigmas:.3g} sigma from where all else puts it, and moved the answer by {moves:.2g} sigma: is it the right "
-        "point?",
+        f"{label} lies {sigmas:.3g} sigma from where all else puts it, and moved the answer by {moves:.2g} sigma: is it the "
+        "right point?",
         {"measurement": label, "sigmas": sigmas, "moves": moves},
     )
 
@@ -174,9 +173,10 @@ def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
         if memory_s is None
         else (f"; state them: errors=[FrameErrors(frame, turn sigmas, shift sigmas, correlation_s={memory_s:.2g})]")
     )
+    less = math.sqrt((1 + most) / (1 - min(most, 0.99)))
     yield (
         f"neighbours along {name} err alike (correlation {most:.2f} of the {_AXES[axis]}): there are fewer independent "
-        f"{e.words.noun} than counted, and sigmas come out too small by {math.sqrt((1 + most) / (1 - min(most, 0.99))):.2g}{cure}",
+        f"{e.words.noun} than counted, and sigmas come out too small by {less:.2g}{cure}",
         {"along": name, "correlation": most, "correlation_s": memory_s},
     )
 

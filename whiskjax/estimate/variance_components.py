@@ -25,7 +25,7 @@ from .unknown import Unknown
 
 _AXES = ("x", "y")
 # Sigmas that are only guessed are wrong by 2 or 3; beyond this factor the errors are of another kind than was said.
-STRETCHED, _SURE = 5.0, 2.0
+STRETCHED, DOUBTFUL, _SURE = 5.0, 2.0, 2.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,15 @@ class Components(NamedTuple):
     def is_stretched(self) -> Bool[np.ndarray, " groups"]:
         """Groups whose sigma would have to be another by more than five times, either way, and surely so: 2 of its own log
         sigmas."""
-        return np.abs(np.log(self.factor)) - _SURE * self.log_sigma > math.log(STRETCHED)
+        return self._beyond(STRETCHED)
+
+    @property
+    def is_doubtful(self) -> Bool[np.ndarray, " groups"]:
+        """The same by more than two times: sigmas that were not known."""
+        return self._beyond(DOUBTFUL)
+
+    def _beyond(self, times: float) -> Bool[np.ndarray, " groups"]:
+        return np.abs(np.log(self.factor)) - _SURE * self.log_sigma > math.log(times)
 
 
 class Grouping(NamedTuple):

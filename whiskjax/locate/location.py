@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..chain.sensor import Sensor
+from ..chain.shot import Shot
 from ..earth.ellipsoid import ecef_to_geodetic
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.checks import CHECKS
@@ -16,6 +18,7 @@ from ..estimate.estimate import Estimate
 from ..estimate.evidence import Evidence, Grouping, Seen, Words
 from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
 from ..estimate.reason import Reason, by_weight, is_sound, judged, warnings
+from ..estimate.suspects import Suspects, suspects
 from ..rules import RESULTS, Numbers, arrays_of
 from ..rules.results import codes_of
 from .fitted import Residuals
@@ -62,6 +65,8 @@ class Location(eqx.Module):
     record: Float[Array, "looks d"]
     _time_s: Float[Array, " looks"] | None
     _residuals: Residuals
+    _sensor: Sensor
+    _shot: Shot
     is_estimated: tuple[bool, ...] = eqx.field(static=True)
     kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
@@ -130,6 +135,7 @@ class Location(eqx.Module):
     def evidence(self) -> Evidence:
         """What the checks of the verdict see."""
         looks, n = self.looks, self.looks.nis.shape[0]
+        is_judged = arrays_of(self.estimate.covariance) is not jnp and looks.nis.ndim == 1 and not int(codes_of(self.result))
         traced = arrays_of(self.estimate.covariance) is jnp or looks.nis.ndim > 1
         how = (
             "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
@@ -159,8 +165,20 @@ class Location(eqx.Module):
             kinks=self.kinks,
             words=Words(how, "looks", "look", "innovations", "looks did not pass the gate", _REMEDY),
             seen=measured,
-            fit=None if traced or int(codes_of(self.result)) else self._residuals.fitted(),
+            widened=2 * self.estimate.prior_share if self.considers else 0.0,  # at most
+            suspects=self._suspects if is_judged else None,
+            fit=self._residuals.fitted() if is_judged else None,
         )
+
+    @property
+    def _suspects(self) -> Suspects:
+        """What was taken as known; of looks that were used."""
+        moved = 0.0
+        if self.velocity_enu_mps is not None and self._time_s is not None:
+            away_s = np.asarray(self._time_s) - np.asarray(self._time_s)[-1]
+            moved = away_s[:, None] * np.asarray(self.world_from_enu @ self.velocity_enu_mps)
+        point = np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
+        return suspects(self._sensor, self._shot, point, self.estimate.places)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:

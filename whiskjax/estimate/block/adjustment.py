@@ -23,6 +23,7 @@ from ..estimate import Estimate
 from ..evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
 from ..model_test import consistency
 from ..reason import Reason, by_weight, is_sound, judged, warnings
+from ..suspects import Suspects, suspects
 from ..unknown import Unknown
 from ..variance_components import Components
 from .block import Block
@@ -193,9 +194,8 @@ class Adjustment(eqx.Module):
         traced = arrays_of(self.estimate.covariance) is jnp
         at = self if traced else jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
         block, others = at.block, at._prepared.ready.unknowns.others
-        math, tie = arrays_of((at.estimate, at.used)), block.role == "tie"
+        math = arrays_of((at.estimate, at.used))
         candidate = ~seen_once(block)[block.point]
-        position = math.where(tie[block.point][:, None], 0.0, math.nan_to_num(block.position_m[block.point]))
         names = block.images or tuple(map(str, block.key("image") if block.key("image") is not None else ("",) * len(block)))
         factor, tail, _ = consistency(at.cost, at.freedom)
         measured = Seen(
@@ -204,7 +204,7 @@ class Adjustment(eqx.Module):
             outlying=candidate & ~at.used,
             code=at._code,
             beside=lies_beside(self.sensor, block.shots(), block.pixel_px) & at.used,
-            record=records(block.shots(), np.where(tie, np.arange(len(tie)), -1)[block.point], position, block.pixel_px),
+            record=records(block.shots(), block.pixel_px, block.sigma_px),
             image=numbered(names),
             most=_MOST,
             label=block.ray_label,
@@ -226,8 +226,16 @@ class Adjustment(eqx.Module):
             check=None if traced or int(codes_of(self.result)) else self.check,
             components=at.components,
             seen=measured,
+            suspects=None if traced or int(codes_of(self.result)) else self._suspects,
             fit=None if traced or int(codes_of(self.result)) else self._fitted,
         )
+
+    @cached_property
+    def _suspects(self) -> Suspects:
+        """What was taken as known."""
+        point = np.asarray(self.point_m)
+        point = np.where(np.isfinite(point), point, point[np.isfinite(point).all(axis=1)][0])
+        return suspects(self.sensor, self.block.shots(), point[self.block.point], self.estimate.places)
 
     @cached_property
     def _fitted(self) -> BlockFitted:

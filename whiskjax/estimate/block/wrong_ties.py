@@ -12,7 +12,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import gammaincc
 from jaxtyping import Array, Bool, Float
 
 from ...algebra.vectors import unstack
@@ -21,6 +20,7 @@ from ...chain.sensor import Sensor
 from ...chain.shot import Shot
 from ...rules.progress import tell
 from ..blunders import Blunders
+from ..model_test import chi_square_bound
 from .block import Block
 from .connect import seen_once
 from .covariance import evaluate
@@ -151,13 +151,5 @@ def _median(freedom: np.ndarray) -> np.ndarray:
 def _bound(freedom: np.ndarray, level: float) -> np.ndarray:
     """What a chi-square variable exceeds with probability `level`; infinite without freedom."""
     degrees = np.unique(freedom)
-    bounds = {int(k): _quantile(int(k), level) if k > 0 else math.inf for k in degrees}
+    bounds = {int(k): chi_square_bound(level, int(k)) if k > 0 else math.inf for k in degrees}
     return np.array([bounds[int(k)] for k in freedom])
-
-
-def _quantile(freedom: int, level: float) -> float:
-    low, high = 0.0, 10.0 * freedom - 4 * math.log(level) + 50
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if float(gammaincc(0.5 * freedom, 0.5 * middle)) > level else (low, middle)
-    return high

@@ -1,0 +1,47 @@
+"""Every number of a sensor that might be wrong: all that can be estimated, whether somebody does or not."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .address import Address
+from .by import By
+from .part import AbstractPart
+from .sensor import Sensor
+
+_LONGEST = 16  # entries of an array: longer ones are records
+
+
+def free_numbers(sensor: Sensor) -> tuple[Address, ...]:
+    """Lever arms, angles, delays, focal lengths, coefficients and so on, in the order of the chain; every option of a `By`.
+
+    Records (samples of a trajectory, readings of an encoder, motions at stations, tables) are none, nor what says what a part is.
+    """
+    names = (*sensor.names, "camera", *(() if sensor.refraction is None else ("refraction",)))
+    return tuple(place for name in names for place in _within(name, (), sensor[name]))
+
+
+def _within(link: str, path: tuple[str, ...], part: object) -> Iterator[Address]:
+    if isinstance(part, By):
+        for name, option in zip(part.names, part.options, strict=True):
+            yield from _within(link, (*path, name), option)
+        return
+    if not isinstance(part, eqx.Module):
+        return
+    is_part = isinstance(part, AbstractPart)
+    for field in vars(part):
+        leaf = getattr(part, field)
+        if is_part and field in part.given:
+            continue
+        if leaf is None and is_part:
+            leaf = part.absent(field)
+        elif isinstance(leaf, AbstractPart):
+            yield from _within(link, (*path, field), leaf)
+        if is_part and isinstance(leaf, float | int) and not isinstance(leaf, bool) and leaf == 0:
+            leaf = jnp.zeros(())
+        if is_part and isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size <= _LONGEST:
+            for index in np.ndindex(leaf.shape):
+                yield Address(link, (*path, field), tuple(map(int, index)))

@@ -1,0 +1,143 @@
+"""What every number of a sensor that was not estimated would have done to the pixels, and every image's own pose.
+
+One sweep through the chain tells it of all of them (parameters.py); the score test (fitted.py) then says of each by how much the
+sum of squares would fall if it were estimated, the value it would take, and what its being wrong did to the answer.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Vec3, unstack
+from ..chain.address import Address, make_room, node_at, put, read
+from ..chain.free_numbers import free_numbers
+from ..chain.imaging import into_camera
+from ..chain.joints import joint_derivatives
+from ..chain.parameters import Parameters, passages
+from ..chain.sensor import Sensor
+from ..chain.shot import Shot
+from ..rules import compiled, on_device, once
+from .errors import unit_motion
+from .fitted import VISIBLE, AbstractFitted
+from .unknown import Unit, unit_of
+
+# Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
+# are wrong by what moves some pixel by one.
+_USUAL = {"_m": 0.1, "_rad": 1e-3, "_s": 0.01}
+# A coefficient that has to be so large to move a pixel by one acts on nothing that the images hold but their noise.
+_IMPOSSIBLE = 10.0
+
+
+class Suspects(NamedTuple):
+    """Columns of pixels, (n, 2, k), by one inner unit of each number; `usual` is how large an error of it is in practice.
+
+    `motion`: by a turn (rad) and a shift (m) of the frame of the record, (n, 2, 6).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[Unit, ...]
+    usual: Float[np.ndarray, " k"]
+    columns_px: Float[np.ndarray, "n 2 k"]
+    motion_px: Float[np.ndarray, "n 2 6"]
+
+
+class Suspicions(NamedTuple):
+    """The score test of each suspect, sizes in units of the usual error, (k,).
+
+    `sigmas`, signed; `chance` of the largest of so many; `size` it would take, and its `sigma`, infinite where it cannot be seen;
+    `taken`: how far, in sigmas, a usual error moves the answer; `like`: how alike two of them look in the residuals, (k, k).
+    """
+
+    sigmas: Float[np.ndarray, " k"]
+    chance: Float[np.ndarray, " k"]
+    size: Float[np.ndarray, " k"]
+    sigma: Float[np.ndarray, " k"]
+    taken: Float[np.ndarray, " k"]
+    like: Float[np.ndarray, "k k"]
+
+
+def tested(fit: AbstractFitted, of: Suspects) -> Suspicions:
+    """Each suspect beside nothing else."""
+    pattern = fit.whitened((of.columns_px * of.usual).reshape(-1, len(of.names)))
+    slope, gram = np.asarray(pattern.T @ fit.residual.ravel()), fit.gram(pattern)
+    left, whole = gram.whole - gram.taken, gram.whole.diagonal()
+    seen = left.diagonal() > VISIBLE * np.where(whole > 0, whole, 1.0)
+    root = np.sqrt(np.where(seen, left.diagonal(), 1.0))
+    sigmas = np.where(seen, slope / root, 0.0)
+    chance = np.array([math.erfc(abs(z) / math.sqrt(2)) for z in sigmas]) * max(int(seen.sum()), 1)
+    taken = np.sqrt(np.maximum(gram.taken.diagonal(), 0.0))
+    like = np.abs(np.where(np.outer(seen, seen), left / np.outer(root, root), 0.0))
+    return Suspicions(sigmas, chance, sigmas / root, np.where(seen, 1 / root, np.inf), taken, like)
+
+
+def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tuple[tuple[Address, ...], ...]) -> Suspects:
+    """All numbers that nobody estimated or considered.
+
+    **Arguments:** `sensor`: with the solution put in; `point_m`: where each ray meets its point, world frame; `known`: the places
+    of the numbers that somebody did.
+    """
+    taken = {place for of in known for place in of}
+    places = tuple(place for place in free_numbers(sensor) if place not in taken)
+    for place in places:
+        sensor = make_room(sensor, place)
+    k = len(places)
+    names = tuple(place.text for place in places)
+    numbers = Parameters(jnp.zeros(k), jnp.ones(k), jnp.zeros((k, k)), names, tuple((place,) for place in places))
+    x, y, motion = (np.asarray(part) for part in _swept(sensor, shot, unstack(on_device(np.asarray(point_m))), numbers))
+    columns = np.stack([x, y], axis=-1)
+    for i, place in enumerate(places):
+        if place.path[-1] in getattr(node_at(sensor, place._replace(path=place.path[:-1])), "kinks", ()):
+            columns[i] = _across(sensor, shot, point_m, place)
+    most = np.abs(columns).max(axis=(1, 2), initial=0.0)
+    usual = np.array([_usual(place, float(m)) for place, m in zip(places, most, strict=True)])
+    usual = np.where(usual > _IMPOSSIBLE, 0.0, usual)
+    return Suspects(names, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
+
+
+def _across(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], place: Address) -> Float[np.ndarray, "n 2"]:
+    """What a delay of a linearly interpolated record does, per second: the difference from one sample earlier to one later.
+
+    Its derivative is the slope between two samples, whose errors are those of the pose itself: so noise of the record would look
+    like a delay. Of white errors this difference has none in common with the pose.
+    """
+    node = node_at(sensor, place._replace(path=place.path[:-1]))
+    step_s = float(np.median(np.diff(np.asarray(node.recorded[0].knots.time_s))))
+    point, now = unstack(on_device(np.asarray(point_m))), float(np.asarray(read(sensor, place)))
+    late, early = (np.asarray(_pixels(put(sensor, [place], [now + side * step_s]), shot, point)) for side in (1.0, -1.0))
+    return (late - early) / (2 * step_s)
+
+
+def _usual(place: Address, most_px: float) -> float:
+    given = next((size for suffix, size in _USUAL.items() if place.path[-1].endswith(suffix)), None)
+    return given if given is not None else 1 / most_px if most_px > 0 else 0.0
+
+
+def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, numbers: Parameters) -> tuple[Array, Array, Array]:
+    """By each number, (k, n) of x and of y, and by the six motions of the outermost frame, (n, 2, 6)."""
+    found = once(lambda: joint_derivatives(sensor, shot, point))
+    met = passages(sensor, point, found, numbers.links)
+    n = point[0].shape[0]
+    x, y = jnp.zeros((len(numbers), n)), jnp.zeros((len(numbers), n))
+    for part in numbers.columns(sensor, shot, met):
+        which = np.array(part.which)
+        x, y = (
+            whole.at[which].add(jnp.broadcast_to(jnp.asarray(of, dtype=float), (len(which), n)))
+            for whole, of in ((x, part.x), (y, part.y))
+        )
+    outermost = sensor.names[0]
+    six = [found.follows(outermost, unit_motion(axis)) for axis in range(6)]
+    rows = [jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1) for of in zip(*six, strict=True)]
+    return x, y, jnp.stack(rows, -2)
+
+
+def _all_pixels(sensor: Sensor, shot: Shot, point: Vec3) -> Float[Array, "n 2"]:
+    x, y = sensor.camera_at(shot).pixel(into_camera(sensor, shot, point))
+    return jnp.stack([jnp.broadcast_to(c, point[0].shape) for c in (x, y)], -1)
+
+
+_pixels: Callable[..., Any] = compiled(_all_pixels, lambda sensor, shot, point: point[0].size)
+_swept: Callable[..., Any] = compiled(_all_columns, lambda sensor, shot, point, numbers: point[0].size)
