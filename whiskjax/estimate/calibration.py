@@ -294,7 +294,7 @@ class Calibration(eqx.Module):
             components=at.components,
             seen=measured,
             widened=0.0 if at._considered is None else (at._considered.moved**2).sum(axis=1),
-            suspects=at._suspects if is_judged else None,
+            suspects=self._suspects if is_judged else None,
             fit=at._fitted if is_judged else None,
         )
 

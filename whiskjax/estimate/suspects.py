@@ -94,7 +94,8 @@ def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tupl
             columns[i] = _across(sensor, shot, point_m, place)
     most = np.abs(columns).max(axis=(1, 2), initial=0.0)
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, most, strict=True)])
-    usual = np.where(usual > _IMPOSSIBLE, 0.0, usual)
+    is_pure = np.array([unit_of(place).name == "1" for place in places])
+    usual = np.where(is_pure & (usual > _IMPOSSIBLE), 0.0, usual)
     return Suspects(names, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
 
 
