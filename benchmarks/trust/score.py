@@ -61,8 +61,10 @@ def names_in(figures: Any) -> Iterable[str]:
             yield str(key)
             looks = key == "looks" and isinstance(value, Sequence)
             yield from (f"look {i}" for i in value if isinstance(i, int)) if looks else names_in(value)
-    elif isinstance(figures, Iterable):
-        for value in list(figures) if np.ndim(np.asarray(figures, dtype=object)) else ():
+    elif isinstance(figures, np.ndarray):
+        yield from names_in(figures.tolist())
+    elif isinstance(figures, list | tuple | set | frozenset):
+        for value in figures:
             yield from names_in(value)
 
 

@@ -29,10 +29,13 @@ class Judged(NamedTuple):
 
 
 class Spoiled(NamedTuple, Generic[Case]):
-    """What a verb is given, and the names of which one has to be named: the most exact first."""
+    """What a verb is given, and the names of which one has to be named."""
 
     case: Case
     culprits: tuple[str, ...] = ()
+
+
+Spoil = Callable[[Any, np.random.Generator], Spoiled[Any]]
 
 
 class Scene(Protocol[Case]):
@@ -72,7 +75,7 @@ class Way:
 
     name: str
     scene: Scene[Any]
-    spoil: Callable[[Any, np.random.Generator], Spoiled] = nothing
+    spoil: Spoil = nothing
     kind: Kind = "scored"
     witness: Callable[[Any], float] | None = None
 
