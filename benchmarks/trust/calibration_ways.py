@@ -63,30 +63,28 @@ WAYS = (
     _way("control of one image off, both axes", coherent("L1", (8.0, 8.0))),
     _way("control of one image off, samples", coherent("R1", (8.0, 0.0))),
     _way("control of one image off, lines", coherent("R1", (0.0, 8.0))),
-    Way("copies, ten of each", SCENE, copies(10), witness=_INFINITE),
-    Way("copies, ten of each, 1e-6 px apart", SCENE, copies(10, 1e-6), witness=lambda case: scaled(1e-6, 2 * 117)),
-    Way("copies, ten of each, renamed", SCENE, copies(10, 0.0, True), witness=_INFINITE),
-    Way("copies, five of each, renamed, 1e-6 px apart", SCENE, copies(5, 1e-6, True), witness=lambda case: scaled(1e-6, 2 * 104)),
-    Way("one record behind ten measurements", SCENE, one_record(10), witness=_INFINITE),
-    *(Way(name, SCENE, respread(how), witness=respread_witness(how)) for name, how in _ALIKE),
+    Way("copies, ten of each", SCENE, copies(10), witness=_INFINITE, shifts=False),
+    Way("copies, ten of each, 1e-6 px apart", SCENE, copies(10, 1e-6), witness=lambda case: scaled(1e-6, 2 * 117), shifts=False),
+    Way("copies, ten of each, renamed", SCENE, copies(10, 0.0, True), witness=_INFINITE, shifts=False),
+    Way("copies, five of each, renamed, 1e-6 px apart", SCENE, copies(5, 1e-6, True), witness=lambda case: scaled(1e-6, 2 * 104), shifts=False),
+    Way("one record behind ten measurements", SCENE, one_record(10), witness=_INFINITE, shifts=False),
+    *(Way(name, SCENE, respread(how), witness=respread_witness(how), shifts=False) for name, how in _ALIKE),
     _way("a wave along the scan, 1 sigma", smooth(scan, 1.0)),
     _way("a wave along the detector, 1 sigma", smooth(sample_px, 1.0)),
     _way("POS late by 5 ms", number("delay_s", "body.delay_s", 0.005)),
     _way("attitude late by 10 ms", number("attitude_delay_s", "body.attitude_delay_s", 0.01)),
-    _way("scan read late by 1 ms", number("delay_s", "scan.delay_s", 0.001)),
     _way("focal length wrong by 0.1 %", number("focal_px", "camera.left.focal_px camera.right.focal_px", 0.001, scaled_by=True)),
     _way("focal length wrong by 1 %", number("focal_px", "camera.left.focal_px camera.right.focal_px", 0.01, scaled_by=True)),
-    _way("pitch angle of the gimbal off by 0.05 deg", number("pitch", "pitch.zero_rad", np.radians(0.05))),
     _way("one image's attitude off by 0.05 deg", one_pose("L1", turn_rad=tuple(np.radians([0.05, -0.05, 0.05])))),
     _way("a check image's attitude off by 0.05 deg", one_pose("R2", turn_rad=tuple(np.radians([0.05, -0.05, 0.05])))),
     _way("one image's position off by 3 m", one_pose("R1", shift_m=(3.0, -3.0, 3.0))),
     *(
-        Way(f"errors of one image {f:g} times as stated", SCENE, stated(f), witness=stated_witness(f))
+        Way(f"errors of one image {f:.2g} times as stated", SCENE, stated(f), witness=stated_witness(f), shifts=False)
         for factor in _FACTORS
         for f in (factor, 1 / factor)
     ),
     *(
-        Way(f"errors of all control {f:g} times as stated", SCENE, stated(f, _BOTH), witness=stated_witness(f, _BOTH))
+        Way(f"errors of all control {f:.2g} times as stated", SCENE, stated(f, _BOTH), witness=stated_witness(f, _BOTH), shifts=False)
         for factor in _FACTORS
         for f in (factor, 1 / factor)
     ),
@@ -95,6 +93,7 @@ WAYS = (
         SCENE,
         then(stated(30.0), reweigh=wj.Reweigh()),
         witness=stated_witness(30.0),
+        shifts=False,
     ),
     *(_way(f"a prior {s:g} sigma off", prior(s)) for s in (3.0, 20.0, 100.0)),
     _way("control 1 m east, check right", surveyed((1.0, 0.0, 0.0))),
@@ -112,5 +111,7 @@ WAYS = (
     _way("clock of the camera 18 s late", late(18.0)),
     _way("datum: all points 0.3 m east", surveyed((0.3, 0.0, 0.0), "all"), "blind"),
     _way("a tight prior, 20 sigma off", prior(20.0, ("u_gps", "u_sen"), 100.0), "blind"),
-    _way("a shift that the boresight takes, unseen", number("zero_rad", "scan.zero_rad", np.radians(0.3)), "blind"),
+    _way("scan read late by 1 ms, unseen", number("delay_s", "scan.delay_s", 0.001), "blind"),
+    _way("index of the scan off by 0.3 deg, unseen", number("zero_rad", "scan.zero_rad", np.radians(0.3)), "blind"),
+    _way("index of the pitch off by 0.05 deg, unseen", number("zero_rad", "pitch.zero_rad", np.radians(0.05)), "blind"),
 )

@@ -70,7 +70,7 @@ class Way:
       caution that names the number is all that can be asked.
     - `spoil`: of the case and a generator that is the same with noise and without.
     - `witness`: what the best test gains besides the shift of means, which is measured: of errors that are larger, smaller or more
-      alike than stated, from the case without noise.
+      alike than stated, from the case without noise; `shifts`: whether means move at all.
     """
 
     name: str
@@ -78,6 +78,7 @@ class Way:
     spoil: Spoil = nothing
     kind: Kind = "scored"
     witness: Callable[[Any], float] | None = None
+    shifts: bool = True
 
     @property
     def verb(self) -> str:
