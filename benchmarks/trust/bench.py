@@ -5,29 +5,92 @@ Every way to be wrong is tried on many seeds, truth and errors drawn anew in eac
 
 import argparse
 import multiprocessing
+import os
 import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
 from pathlib import Path
 
 import jax
 
+from ..one_thread import CORES
 from .catalogue import CATALOGUE, chosen
-from .run import Bench, Row
+from .run import Bench, Row, Run
 from .table import page, table, write
 
-SEEDS, CLEAN, SHORT = 100, 1000, 3
+SEEDS, CLEAN, OTHER_CLEAN = 100, 1000, 200
+SHORT_SEEDS, SHORT_CLEAN = 2, 5
 _PROCESSES = 2
 
 
 def rows_of(verb: str, names: Sequence[str], seeds: int, clean: int, part: int = 0, parts: int = 1) -> list[Row]:
-    """The rows of one verb, or every so many of them, in this process."""
+    """The rows of one verb, or every so many of them, in this process.
+
+    **Arguments:** `seeds`: of each way; `clean`: of clean data of the scene itself, and at most `OTHER_CLEAN` of its variants.
+    """
     jax.config.update("jax_enable_x64", True)
-    bench = Bench()
-    rows = []
+    bench, rows = Bench(), []
     for way in chosen([verb], names)[part::parts]:
         start = time.perf_counter()
-        rows.append(bench.row(way, range(clean if way.kind == "clean" else seeds)))
-        print(f"{verb}: {way.name}, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+        count = seeds if way.kind != "clean" else clean if way.name == "clean" else min(clean, OTHER_CLEAN)
+        rows.append(bench.row(way, range(count)))
+        print(f"{verb}: {way.name}, {count} runs, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
     return rows
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs what is asked and prints the table; 0 where no scored way fooled the verdict."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks trust", description=__doc__)
+    parser.add_argument("--verb", nargs="+", choices=tuple(CATALOGUE), default=list(CATALOGUE), help="default: all")
+    parser.add_argument("--way", nargs="+", default=[], metavar="NAME", help="beginnings of names of ways (default: all)")
+    parser.add_argument("--seeds", type=int, help=f"of each way (default: {SEEDS})")
+    parser.add_argument("--clean", type=int, help=f"seeds of clean data (default: {CLEAN}; of variants at most {OTHER_CLEAN})")
+    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds and {SHORT_CLEAN} clean ones, in this process")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write all figures")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the tables as a Markdown page")
+    options = parser.parse_args(arguments)
+    seeds = options.seeds or (SHORT_SEEDS if options.short else SEEDS)
+    clean = options.clean or (SHORT_CLEAN if options.short else CLEAN)
+    ways = chosen(options.verb, options.way)
+    verbs = [verb for verb in options.verb if any(way.verb == verb for way in ways)]
+    start = time.perf_counter()
+    if options.short:
+        rows = [row for verb in verbs for row in rows_of(verb, options.way, seeds, clean)]
+    else:
+        rows = _in_processes(verbs, options.way, seeds, clean)
+    print(page(rows) if options.page is None else table(rows))
+    print(f"{sum(len(row.runs) for row in rows)} runs, {time.perf_counter() - start:.0f} s")
+    if options.page is not None:
+        options.page.write_text(page(rows), encoding="utf-8")
+    if options.out is not None:
+        write(rows, options.out)
+    return int(any(row.way.kind == "scored" and row.share("fooled") > 0 for row in rows))
+
+
+def _in_processes(verbs: Sequence[str], names: Sequence[str], seeds: int, clean: int) -> list[Row]:
+    """The same rows, every other one by another process."""
+    tasks = [(verb, part) for verb in verbs for part in range(_PROCESSES)]
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(_PROCESSES, spawn, initializer=_use, initargs=(CORES,)) as pool:
+        shares = zip(*tasks, strict=True)
+        found = list(pool.map(_runs_of, *shares, repeat(names), repeat(seeds), repeat(clean)))
+    by_way = {
+        (verb, name): (unknowns, runs) for (verb, _), rows in zip(tasks, found, strict=True) for name, unknowns, runs in rows
+    }
+    return [Row(way, *by_way[verb, way.name]) for verb in verbs for way in chosen([verb], names)]
+
+
+def _use(cores: set[int]) -> None:
+    """The other benchmarks keep to one core, which processes at once would share."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, cores)
+
+
+def _runs_of(
+    verb: str, part: int, names: Sequence[str], seeds: int, clean: int
+) -> list[tuple[str, tuple[str, ...], tuple[Run, ...]]]:
+    """What another process can tell of its rows: ways are functions, and stay where they are."""
+    rows = rows_of(verb, names, seeds, clean, part, _PROCESSES) if len(chosen([verb], names)) > part else []
+    return [(row.way.name, row.names, row.runs) for row in rows]

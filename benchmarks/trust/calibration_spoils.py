@@ -9,8 +9,8 @@ import numpy as np
 import whiskjax as wj
 from whiskjax.flights import haian
 
-from .calibrations import IMAGE, IMAGE_OF, NAMES, POINTS, SIGMA_PX, Case
-from .score import alike, scaled
+from .calibrations import IMAGE, IMAGE_OF, NAMES, POINTS, SIGMA_PX, Case, design
+from .score import gain
 from .way import Spoil, Spoiled
 
 _UNKNOWNS = len(NAMES)
@@ -88,11 +88,15 @@ def respread(correlation: Callable[[Case, np.ndarray], np.ndarray]) -> Spoil:
 
 
 def respread_witness(correlation: Callable[[Case, np.ndarray], np.ndarray]) -> Callable[[Case], float]:
-    """What the best test gains from errors that hang together; both coordinates do, and the unknowns take their share."""
+    """What the best test gains from errors of control that hang together, image by image."""
 
     def witness(case: Case) -> float:
-        images = sorted({IMAGE_OF[i] for i in case.control})
-        return sum(2 * alike(correlation(case, within(case, image)), _UNKNOWNS // 2) for image in images)
+        rows, covariance = design(case), np.eye(2 * len(POINTS) + _UNKNOWNS)
+        for image in sorted({IMAGE_OF[i] for i in case.control}):
+            seen = within(case, image)
+            for axis in (0, 1):
+                covariance[np.ix_(2 * seen + axis, 2 * seen + axis)] = correlation(case, seen)
+        return gain(rows, covariance)
 
     return witness
 
@@ -150,7 +154,9 @@ def number(name: str, where: str, value: float, stays: bool = True, scaled_by: b
     return spoil
 
 
-def one_pose(image: str, turn_rad: tuple[float, float, float] = (0, 0, 0), shift_m: tuple[float, float, float] = (0, 0, 0)) -> Spoil:
+def one_pose(
+    image: str, turn_rad: tuple[float, float, float] = (0, 0, 0), shift_m: tuple[float, float, float] = (0, 0, 0)
+) -> Spoil:
     """POS was biased during one image, beyond what is stated."""
 
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
@@ -174,13 +180,10 @@ def stated(factor: float, images: tuple[str, ...] = ("L1",)) -> Spoil:
 
 
 def stated_witness(factor: float, images: tuple[str, ...] = ("L1",)) -> Callable[[Case], float]:
-    """What the best test gains from it: all residuals of check images, of control less what the unknowns take."""
-
-    def witness(case: Case) -> float:
-        count = int(np.isin(IMAGE_OF, images).sum())
-        return scaled(factor, 2 * count - _UNKNOWNS)
-
-    return witness
+    """What the best test gains from it."""
+    times = np.ones(2 * len(POINTS) + _UNKNOWNS)
+    times[: 2 * len(POINTS)] = np.where(np.repeat(np.isin(IMAGE_OF, images), 2), factor, 1.0)
+    return lambda case: gain(design(case) * times[:, None], np.diag(times**2))
 
 
 def prior(sigmas: float, which: tuple[str, ...] = NAMES, tighter: float = 1.0) -> Spoil:
@@ -201,6 +204,7 @@ def prior(sigmas: float, which: tuple[str, ...] = NAMES, tighter: float = 1.0) -
 
 def surveyed(by_enu_m: tuple[float, float, float], role: str = "control") -> Spoil:
     """All control points, all check points or all of both are said to be elsewhere."""
+
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
         observed, control = case.observations, np.asarray(case.observations.is_control)
         rows = {"control": control, "check": ~control, "all": np.ones_like(control)}[role]
@@ -217,9 +221,7 @@ def measured(change: Callable[[np.ndarray], np.ndarray], culprit: str) -> Spoil:
 
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
         pixel = change(np.array(case.observations.pixel_px))
-        return Spoiled(
-            dataclasses.replace(case, observations=dataclasses.replace(case.observations, pixel_px=pixel)), (culprit,)
-        )
+        return Spoiled(dataclasses.replace(case, observations=dataclasses.replace(case.observations, pixel_px=pixel)), (culprit,))
 
     return spoil
 
@@ -230,7 +232,9 @@ def late(by_s: float) -> Spoil:
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
         observed = case.observations
         shot = dataclasses.replace(observed.shot, time_s=np.asarray(observed.shot.time_s) + by_s)
-        return Spoiled(dataclasses.replace(case, observations=dataclasses.replace(observed, shot=shot)), ("time", "delay", "time_s"))
+        return Spoiled(
+            dataclasses.replace(case, observations=dataclasses.replace(observed, shot=shot)), ("time", "delay", "time_s")
+        )
 
     return spoil
 

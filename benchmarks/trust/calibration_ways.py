@@ -66,7 +66,13 @@ WAYS = (
     Way("copies, ten of each", SCENE, copies(10), witness=_INFINITE, shifts=False),
     Way("copies, ten of each, 1e-6 px apart", SCENE, copies(10, 1e-6), witness=lambda case: scaled(1e-6, 2 * 117), shifts=False),
     Way("copies, ten of each, renamed", SCENE, copies(10, 0.0, True), witness=_INFINITE, shifts=False),
-    Way("copies, five of each, renamed, 1e-6 px apart", SCENE, copies(5, 1e-6, True), witness=lambda case: scaled(1e-6, 2 * 104), shifts=False),
+    Way(
+        "copies, five of each, renamed, 1e-6 px apart",
+        SCENE,
+        copies(5, 1e-6, True),
+        witness=lambda case: scaled(1e-6, 2 * 104),
+        shifts=False,
+    ),
     Way("one record behind ten measurements", SCENE, one_record(10), witness=_INFINITE, shifts=False),
     *(Way(name, SCENE, respread(how), witness=respread_witness(how), shifts=False) for name, how in _ALIKE),
     _way("a wave along the scan, 1 sigma", smooth(scan, 1.0)),
@@ -84,7 +90,13 @@ WAYS = (
         for f in (factor, 1 / factor)
     ),
     *(
-        Way(f"errors of all control {f:.2g} times as stated", SCENE, stated(f, _BOTH), witness=stated_witness(f, _BOTH), shifts=False)
+        Way(
+            f"errors of all control {f:.2g} times as stated",
+            SCENE,
+            stated(f, _BOTH),
+            witness=stated_witness(f, _BOTH),
+            shifts=False,
+        )
         for factor in _FACTORS
         for f in (factor, 1 / factor)
     ),

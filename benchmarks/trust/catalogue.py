@@ -3,11 +3,12 @@
 import sys
 from collections.abc import Sequence
 
-from . import calibration_ways, target_ways
+from . import block_ways, calibration_ways, target_ways
 from .way import Way
 
 CATALOGUE: dict[str, tuple[Way, ...]] = {
     "calibrate": (*calibration_ways.CLEAN, *calibration_ways.WAYS),
+    "adjust": (*block_ways.CLEAN, *block_ways.WAYS),
     "locate": (*target_ways.CLEAN, *target_ways.WAYS),
 }
 

@@ -26,6 +26,7 @@ class Run(NamedTuple):
     noncentrality: float
     said: tuple[str, ...]
     error_sigmas: tuple[float, ...] = ()
+    refusal: str = ""
 
     @property
     def fooled(self) -> bool:
@@ -114,15 +115,17 @@ class Bench:
         try:
             case, culprits = way.spoil(scene.draw(seed, True), _generator(way, seed))
             judged = scene.judged(case)
-        except wj.WhiskjaxError as refusal:  # already the data are refused, with a message
+        except wj.WhiskjaxError as refusal:  # the data are refused, with a message
             judged = Judged(None, refusal=str(refusal))
+        except np.linalg.LinAlgError as error:  # nobody is fooled by a foreign error, and nobody is helped
+            judged = Judged(None, refusal=str(error), crashed=True)
         few, named = way.kind == "blind", False
         if culprits:
             named = bool(who(judged.reasons, culprits, few=few) - who(self._unspoiled(way, seed).reasons, culprits, few=few))
         failing = sorted({reason.kind for reason in judged.reasons or () if reason.grade == "failure"})
-        said = tuple(failing) if judged.reasons is not None else ("refused",)
+        said = tuple(failing) if judged.reasons is not None else ("crashed" if judged.crashed else "refused",)
         noncentrality = 0.0 if way.kind == "clean" else self._noncentrality(way, seed)
-        return judged, Run(is_sound(judged), is_wrong(judged), named, noncentrality, said, judged.error_sigmas)
+        return judged, Run(is_sound(judged), is_wrong(judged), named, noncentrality, said, judged.error_sigmas, judged.refusal)
 
     def _unspoiled(self, way: Way, seed: int) -> Judged:
         key = way.scene, seed
@@ -137,7 +140,7 @@ class Bench:
             return way.witness(exact)
         try:
             moved = way.scene.misfit(way.spoil(exact, _generator(way, seed)).case)
-        except wj.WhiskjaxError:
+        except (wj.WhiskjaxError, np.linalg.LinAlgError):
             return float("inf")
         return moved + (0.0 if way.witness is None else way.witness(exact))
 

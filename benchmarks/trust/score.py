@@ -109,3 +109,14 @@ def alike(covariance: np.ndarray, taken: int) -> float:
         return float("inf")
     gain = np.sort(values - 1 - np.log(values))
     return float(gain[: len(gain) - taken].sum())
+
+
+def gain(rows: np.ndarray, covariance: np.ndarray) -> float:
+    """Twice the expected log likelihood ratio of whitened errors that have a covariance (m, m) in place of 1, as a fit leaves them.
+
+    Of the errors a fit sees what no unknown can take: their part across the whitened derivatives `rows` (m, k), priors among them.
+    """
+    k = rows.shape[1]
+    across = np.linalg.qr(rows, mode="complete")[0][:, k:]
+    values = np.linalg.eigvalsh(across.T @ covariance @ across)
+    return float((values - 1 - np.log(values)).sum()) if values.min() > 1e-9 else float("inf")

@@ -8,7 +8,7 @@ from typing import Any
 
 from .run import Row, power
 
-_COLUMNS = ("way", "runs", "scored", "sound", "wrong", "sound and wrong", "named", "noncentrality", "said most")
+_COLUMNS = ("way", "kind", "runs", "scored", "sound", "wrong", "sound and wrong", "named", "noncentrality", "said most")
 _SAID = 3
 
 
@@ -27,7 +27,7 @@ def _cells(row: Row) -> tuple[str, ...]:
     noncentrality = "" if row.way.kind == "clean" else of_noncentrality(row.noncentrality)
     named = "" if row.way.kind == "clean" else share(row.share("named"))
     counts = (share(row.share(what)) for what in ("sound", "wrong", "fooled"))
-    return (row.way.name, str(len(row.runs)), str(len(row.scored)), *counts, named, noncentrality, said)
+    return (row.way.name, row.way.kind, str(len(row.runs)), str(len(row.scored)), *counts, named, noncentrality, said)
 
 
 def _rms(row: Row) -> str:
@@ -59,7 +59,10 @@ def table(rows: Sequence[Row]) -> str:
     """All rows in columns for a terminal."""
     cells = [_COLUMNS, *(_cells(row) for row in rows)]
     wide = [max(len(line[i]) for line in cells) for i in range(len(_COLUMNS))]
-    lines = ["  ".join(c.ljust(w) if i in (0, 8) else c.rjust(w) for i, (c, w) in enumerate(zip(line, wide, strict=True))) for line in cells]
+    lines = [
+        "  ".join(c.ljust(w) if i in (0, 1, 9) else c.rjust(w) for i, (c, w) in enumerate(zip(line, wide, strict=True)))
+        for line in cells
+    ]
     return "\n".join(line.rstrip() for line in lines)
 
 

@@ -116,7 +116,9 @@ def late(by_s: float) -> Spoil:
         r = case.recorded
         way = by_s / tianshan.SPACING_S
         lat, lon = (np.gradient(np.asarray(getattr(tianshan.true_records(case.scene), name))) for name in ("lat_rad", "lon_rad"))
-        return Spoiled(case.read(lat_rad=r.lat_rad - way * lat, lon_rad=r.lon_rad - way * lon), ("delay", "time", "time_s", "body"))
+        return Spoiled(
+            case.read(lat_rad=r.lat_rad - way * lat, lon_rad=r.lon_rad - way * lon), ("delay", "time", "time_s", "body")
+        )
 
     return spoil
 

@@ -47,10 +47,7 @@ WAYS = (
     Way("copies, four of each, 1e-6 px apart", SCENE, copied(4, 1e-6), witness=lambda c: scaled(1e-6, 60), shifts=False),
     Way("copies, four of each, batch", BATCH, copied(4), witness=_INFINITE, shifts=False),
     Way("one record behind four looks", SCENE, one_record(4), witness=one_record_witness(4), shifts=False),
-    *(
-        Way(f"errors last {t:g} s", SCENE, remembered(t), witness=remembered_witness(t), shifts=False)
-        for t in (3.0, 10.0, 60.0)
-    ),
+    *(Way(f"errors last {t:g} s", SCENE, remembered(t), witness=remembered_witness(t), shifts=False) for t in (3.0, 10.0, 60.0)),
     Way("errors last 60 s, batch", BATCH, remembered(60.0), witness=remembered_witness(60.0), shifts=False),
     Way("errors are constant", SCENE, remembered(np.inf), witness=remembered_witness(1e9), shifts=False),
     _way("heading off by 0.1 deg", constant("body", heading_rad=np.radians(0.1))),

@@ -116,10 +116,7 @@ class Targets:
         )
 
     def judged(self, case: Case) -> Judged:
-        try:
-            answer = self.answer(case, self.method)
-        except wj.WhiskjaxError as refusal:
-            return Judged(None, refusal=str(refusal))
+        answer = self.answer(case, self.method)
         axes, spread = np.asarray(answer.world_from_enu), np.asarray(answer.covariance_enu_m2)
         error = axes.T @ (np.asarray(answer.point_m) - case.target_m)
         off = (np.asarray(answer.value) - case.zero_rad) / np.asarray(answer.estimate.sigma)
@@ -129,10 +126,7 @@ class Targets:
         return Judged(answer.reasons, NAMES, each, float(error @ np.linalg.solve(spread, error)), 3)
 
     def misfit(self, case: Case) -> float:
-        try:
-            total = float(self.answer(dataclasses.replace(case, gate=None), "batch").chi_square)
-        except wj.WhiskjaxError:
-            return float("inf")
+        total = float(self.answer(dataclasses.replace(case, gate=None), "batch").chi_square)
         return total if np.isfinite(total) else float("inf")
 
 

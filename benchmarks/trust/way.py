@@ -15,7 +15,7 @@ Kind = Literal["scored", "clean", "blind"]
 class Judged(NamedTuple):
     """An answer beside the truth.
 
-    - `reasons`: its verdict, or None where the verb refused the data in words (`refusal`).
+    - `reasons`: its verdict, or None where the verb refused the data, in words (`refusal`) or by a foreign error (`crashed`).
     - `names`, `error_sigmas`: of the unknowns, (estimate less truth) / predicted sigma.
     - `ground`, `ground_freedom`: joint chi-square of the ground points, of that many degrees of freedom.
     """
@@ -26,6 +26,7 @@ class Judged(NamedTuple):
     ground: float = 0.0
     ground_freedom: int = 0
     refusal: str = ""
+    crashed: bool = False
 
 
 class Spoiled(NamedTuple, Generic[Case]):
