@@ -11,8 +11,26 @@ import numpy as np
 import whiskjax as wj
 
 from .blocks import (
-    CONTROL, IMAGE, IMAGE_OF, IMAGES, NAMES, OBSERVED, PER_STRIP, POINT, POINTS, POS, RAYS, ROLE, SHIFT_M, SIGMA_PX, STRIP,
-    STRIP_NAMES, TURN_RAD, WHERE_M, Case, design,
+    CONTROL,
+    IMAGE,
+    IMAGE_OF,
+    IMAGES,
+    NAMES,
+    OBSERVED,
+    PER_STRIP,
+    POINT,
+    POINTS,
+    POS,
+    RAYS,
+    ROLE,
+    SHIFT_M,
+    SIGMA_PX,
+    STRIP,
+    STRIP_NAMES,
+    TURN_RAD,
+    WHERE_M,
+    Case,
+    design,
 )  # fmt: skip
 from .score import gain
 from .way import Spoil, Spoiled
@@ -197,7 +215,7 @@ def respread_witness(correlation: np.ndarray) -> Callable[[Case], float]:
 
 
 def _gained(covariance: np.ndarray, closer: np.ndarray | None = None) -> Callable[[Case], float]:
-    """Of errors with this covariance in stated sigmas; `closer`: how many times smaller than in the scene each is stated, (m,)."""
+    """Of errors with this covariance in stated sigmas; `closer`: how many times smaller than those of the scene, (m,)."""
     found = cache(lambda: gain(design() if closer is None else design() * closer[:, None], covariance))
     return lambda case: found()
 
@@ -226,9 +244,7 @@ def lasting_witness(strips: bool = True) -> Callable[[Case], float]:
     """What the best test gains from POS whose turns and shifts are the same in all images of a group."""
     group = STRIP if strips else np.zeros_like(STRIP)
     covariance = np.eye(OBSERVED)
-    covariance[POS, POS] = np.kron(
-        np.eye(2), np.kron(0.999 * (group[:, None] == group[None, :]) + 0.001 * np.eye(len(group)), np.eye(3))
-    )
+    covariance[POS, POS] = np.kron(np.eye(2), np.kron((group[:, None] == group[None, :]).astype(float), np.eye(3)))
     return _gained(covariance)
 
 

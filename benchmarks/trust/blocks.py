@@ -45,7 +45,7 @@ EQUAL = np.array([0.05, 0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.5])  # each moves the im
 
 
 def _layout() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where points are about, (n, 2), and the image and the point of every ray: points of three rays or more, the same for all."""
+    """Where points are about, (n, 2), and image and point of every ray: points of three rays or more, the same for all seeds."""
     rng = np.random.default_rng(20)
     where = rng.uniform([-300.0, -250.0], [1200.0, 1050.0], (400, 2))
     from_centre = (where[None] - _PLACE_M[:, None, :2]) / _PLACE_M[:, None, 2:] * FOCAL_PX
@@ -206,7 +206,7 @@ def design() -> np.ndarray:
 
     In the order of the rows: rays, POS, control and check points, priors.
     """
-    level, n = Rotation.from_euler("z", _KAPPA_RAD), len(ROLE)
+    level, n = Rotation.from_euler("z", _KAPPA_RAD[:, None]), len(ROLE)
     point = jnp.asarray(np.column_stack([WHERE_M, np.full(n, 30.0)]))
     sizes = np.cumsum([3 * len(IMAGES), 3 * len(IMAGES), 3 * n])
 

@@ -7,8 +7,28 @@ import whiskjax as wj
 from whiskjax.flights import haian
 
 from .calibration_spoils import (
-    blunders, coherent, copies, fading, late, measured, number, one_pose, one_record, prior, respread, respread_witness, sample_px,
-    scan, smooth, stated, stated_witness, surveyed, then, time_s, turned_record, weak,
+    blunders,
+    coherent,
+    copies,
+    fading,
+    late,
+    measured,
+    number,
+    one_pose,
+    one_record,
+    prior,
+    respread,
+    respread_witness,
+    sample_px,
+    scan,
+    smooth,
+    stated,
+    stated_witness,
+    surveyed,
+    then,
+    time_s,
+    turned_record,
+    weak,
 )  # fmt: skip
 from .calibrations import EQUAL, Calibrations
 from .score import scaled

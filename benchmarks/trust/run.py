@@ -4,6 +4,7 @@ import dataclasses
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +88,7 @@ def power(rows: Iterable[Row]) -> list[Power]:
     """The share noticed against noncentrality, over all ways that are scored."""
     runs = [run for row in rows if row.way.kind == "scored" for run in row.runs]
     found = []
-    for least, most in zip(STEPS[:-1], STEPS[1:], strict=True):
+    for least, most in pairwise(STEPS):
         within = [run for run in runs if least <= run.noncentrality < most or run.noncentrality == most == np.inf]
         noticed = float(np.mean([not run.sound for run in within])) if within else float("nan")
         found.append(Power(least, most, len(within), noticed))

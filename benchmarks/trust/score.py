@@ -102,7 +102,7 @@ def alike(covariance: np.ndarray, taken: int) -> float:
     """The same of whitened errors that have a covariance (n, n) in place of 1, of which the fit takes `taken` dimensions.
 
     By Cauchy's interlacing the eigenvalues left are no larger, and no smaller, than those `taken` places further on: the largest
-    are given away, so that the figure is a lower bound. Errors that are copies have no density beside those that are not: infinite.
+    are given away, so that the figure is a lower bound. Copies have no density beside errors that are none: infinite.
     """
     values = np.linalg.eigvalsh(covariance)
     if values.min() < 1e-9:
@@ -112,9 +112,9 @@ def alike(covariance: np.ndarray, taken: int) -> float:
 
 
 def gain(rows: np.ndarray, covariance: np.ndarray) -> float:
-    """Twice the expected log likelihood ratio of whitened errors that have a covariance (m, m) in place of 1, as a fit leaves them.
+    """Twice the expected log likelihood ratio of whitened errors with a covariance (m, m) in place of 1, as a fit leaves them.
 
-    Of the errors a fit sees what no unknown can take: their part across the whitened derivatives `rows` (m, k), priors among them.
+    A fit sees of errors what no unknown can take: their part across the whitened derivatives `rows` (m, k), priors among them.
     """
     k = rows.shape[1]
     across = np.linalg.qr(rows, mode="complete")[0][:, k:]

@@ -6,8 +6,24 @@ from whiskjax.flights import tianshan
 
 from .score import scaled
 from .target_spoils import (
-    another, constant, copied, focal, gated, guess, lagging, late, moving, off, one_record, one_record_witness, prior, records,
-    remembered, remembered_witness, stated, stated_witness,
+    another,
+    constant,
+    copied,
+    focal,
+    gated,
+    guess,
+    lagging,
+    late,
+    moving,
+    off,
+    one_record,
+    one_record_witness,
+    prior,
+    records,
+    remembered,
+    remembered_witness,
+    stated,
+    stated_witness,
 )  # fmt: skip
 from .targets import LOOKS, Targets
 from .way import Kind, Spoil, Way, nothing

@@ -70,8 +70,8 @@ class Way:
     - `kind`: "scored": a verdict has to notice; "clean": it has to be content; "blind": nothing in the data can tell, and a
       caution that names the number is all that can be asked.
     - `spoil`: of the case and a generator that is the same with noise and without.
-    - `witness`: what the best test gains besides the shift of means, which is measured: of errors that are larger, smaller or more
-      alike than stated, from the case without noise; `shifts`: whether means move at all.
+    - `witness`: what the best test gains besides the shift of means, which is measured: of errors that are larger, smaller or
+      more alike than stated, from the case without noise; `shifts`: whether means move at all.
     """
 
     name: str
