@@ -185,11 +185,14 @@ def each_ray_twice(apart_px: float = 0.0) -> Spoil:
 
 def respread(correlation: np.ndarray, culprits: tuple[str, ...]) -> Spoil:
     """Errors of rays hang together, and are as large as stated."""
-    values, vectors = np.linalg.eigh(correlation)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+
+    @cache
+    def root() -> np.ndarray:
+        values, vectors = np.linalg.eigh(correlation)
+        return vectors * np.sqrt(np.maximum(values, 0.0))
 
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
-        return Spoiled(case.moved(slice(None), SIGMA_PX * (root @ case.white - case.white)), culprits)
+        return Spoiled(case.moved(slice(None), SIGMA_PX * (root() @ case.white - case.white)), culprits)
 
     return spoil
 
