@@ -19,24 +19,25 @@ from ..one_thread import CORES
 from .catalogue import CATALOGUE, chosen
 from .run import Bench, Row, Run
 from .table import page, table, write
+from .way import Way
 
 SEEDS, CLEAN, OTHER_CLEAN = 100, 1000, 200
-SHORT_SEEDS, SHORT_CLEAN = 2, 5
+SHORT_SEEDS, SHORT_CLEAN = 1, 2
 _PROCESSES = 2
 
 
-def rows_of(verb: str, names: Sequence[str], seeds: int, clean: int, part: int = 0, parts: int = 1) -> list[Row]:
-    """The rows of one verb, or every so many of them, in this process.
+def rows_of(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
+    """The rows of these ways, in this process.
 
     **Arguments:** `seeds`: of each way; `clean`: of clean data of the scene itself, and at most `OTHER_CLEAN` of its variants.
     """
     jax.config.update("jax_enable_x64", True)
     bench, rows = Bench(), []
-    for way in chosen([verb], names)[part::parts]:
+    for way in ways:
         start = time.perf_counter()
         count = seeds if way.kind != "clean" else clean if way.name == "clean" else min(clean, OTHER_CLEAN)
         rows.append(bench.row(way, range(count)))
-        print(f"{verb}: {way.name}, {count} runs, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+        print(f"{way.verb}: {way.name}, {count} runs, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
     return rows
 
 
@@ -53,13 +54,9 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     seeds = options.seeds or (SHORT_SEEDS if options.short else SEEDS)
     clean = options.clean or (SHORT_CLEAN if options.short else CLEAN)
-    ways = chosen(options.verb, options.way)
-    verbs = [verb for verb in options.verb if any(way.verb == verb for way in ways)]
+    ways = chosen(options.verb, options.way, options.short)
     start = time.perf_counter()
-    if options.short:
-        rows = [row for verb in verbs for row in rows_of(verb, options.way, seeds, clean)]
-    else:
-        rows = _in_processes(verbs, options.way, seeds, clean)
+    rows = (rows_of if options.short else _in_processes)(ways, seeds, clean)
     print(page(rows) if options.page is None else table(rows))
     print(f"{sum(len(row.runs) for row in rows)} runs, {time.perf_counter() - start:.0f} s")
     if options.page is not None:
@@ -69,17 +66,16 @@ def main(arguments: Sequence[str]) -> int:
     return int(any(row.way.kind == "scored" and row.share("fooled") > 0 for row in rows))
 
 
-def _in_processes(verbs: Sequence[str], names: Sequence[str], seeds: int, clean: int) -> list[Row]:
-    """The same rows, every other one by another process."""
-    tasks = [(verb, part) for verb in verbs for part in range(_PROCESSES)]
+def _in_processes(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
+    """The same rows, verb by verb, every other one by another process."""
+    of = [[way for way in ways if way.verb == verb] for verb in CATALOGUE]
+    shares = [mine[part::_PROCESSES] for mine in of for part in range(_PROCESSES)]
+    asked = [[(way.verb, way.name) for way in share] for share in shares if share]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(_PROCESSES, spawn, initializer=_use, initargs=(CORES,)) as pool:
-        shares = zip(*tasks, strict=True)
-        found = list(pool.map(_runs_of, *shares, repeat(names), repeat(seeds), repeat(clean)))
-    by_way = {
-        (verb, name): (unknowns, runs) for (verb, _), rows in zip(tasks, found, strict=True) for name, unknowns, runs in rows
-    }
-    return [Row(way, *by_way[verb, way.name]) for verb in verbs for way in chosen([verb], names)]
+        found = list(pool.map(_runs_of, asked, repeat(seeds), repeat(clean)))
+    told = {key: runs for keys, of in zip(asked, found, strict=True) for key, runs in zip(keys, of, strict=True)}
+    return [Row(way, *told[way.verb, way.name]) for way in ways]
 
 
 def _use(cores: set[int]) -> None:
@@ -88,9 +84,7 @@ def _use(cores: set[int]) -> None:
         os.sched_setaffinity(0, cores)
 
 
-def _runs_of(
-    verb: str, part: int, names: Sequence[str], seeds: int, clean: int
-) -> list[tuple[str, tuple[str, ...], tuple[Run, ...]]]:
-    """What another process can tell of its rows: ways are functions, and stay where they are."""
-    rows = rows_of(verb, names, seeds, clean, part, _PROCESSES) if len(chosen([verb], names)) > part else []
-    return [(row.way.name, row.names, row.runs) for row in rows]
+def _runs_of(asked: Sequence[tuple[str, str]], seeds: int, clean: int) -> list[tuple[tuple[str, ...], tuple[Run, ...]]]:
+    """Names of unknowns and runs of ways, told by verb and name: ways are functions, and stay where they are."""
+    known = {(way.verb, way.name): way for way in chosen(list(CATALOGUE), [])}
+    return [(row.names, row.runs) for row in rows_of([known[key] for key in asked], seeds, clean)]

@@ -12,16 +12,23 @@ from .block_spoils import (
     each_ray_twice,
     exchanged,
     heading,
-    lasting,
-    lasting_witness,
     measured,
     mismatched,
-    near_in_image,
     of_strip,
     pose,
     principal,
     prior,
     rays,
+    strip_rays,
+    surveyed,
+    then,
+    twice,
+    without_control,
+)
+from .block_spread import (
+    lasting,
+    lasting_witness,
+    near_in_image,
     respread,
     respread_witness,
     same_group,
@@ -31,12 +38,7 @@ from .block_spoils import (
     stated_pos_witness,
     stated_rays,
     stated_rays_witness,
-    strip_rays,
-    surveyed,
-    then,
-    twice,
-    without_control,
-)  # fmt: skip
+)
 from .blocks import CENTRE_PX, EQUAL, IMAGE, IMAGES, POINT, Blocks, Case
 from .score import scaled
 from .way import Kind, Spoil, Way, nothing

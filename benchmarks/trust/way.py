@@ -72,6 +72,7 @@ class Way:
     - `spoil`: of the case and a generator that is the same with noise and without.
     - `witness`: what the best test gains besides the shift of means, which is measured: of errors that are larger, smaller or
       more alike than stated, from the case without noise; `shifts`: whether means move at all.
+    - `is_long`: it compiles programs of its own, and has no place in a short run.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Way:
     kind: Kind = "scored"
     witness: Callable[[Any], float] | None = None
     shifts: bool = True
+    is_long: bool = False
 
     @property
     def verb(self) -> str:
