@@ -67,9 +67,14 @@ def copies(times: int, apart_px: float = 0.0, renamed: bool = False) -> Spoil:
     return spoil
 
 
-def one_record(together: int) -> Spoil:
-    """The errors of so many measurements in a row are one and the same: one record was read for all of them."""
-    return respread(lambda case, rows: np.equal(*np.meshgrid(*2 * [np.arange(len(rows)) // together])).astype(float))
+def one_record(together: int, share: float = 1.0) -> Callable[[Case, np.ndarray], np.ndarray]:
+    """The correlation of errors where one record was read for so many measurements in a row, or for a share of their variance."""
+
+    def correlation(case: Case, rows: np.ndarray) -> np.ndarray:
+        group = np.arange(len(rows)) // together
+        return share * (group[:, None] == group[None, :]) + (1 - share) * np.eye(len(rows))
+
+    return correlation
 
 
 def respread(correlation: Callable[[Case, np.ndarray], np.ndarray]) -> Spoil:
