@@ -23,6 +23,7 @@ from .measure import measure_all  # noqa: E402
 from .page import page  # noqa: E402
 from .report import machine, read_baseline, table, verdict, write_baseline  # noqa: E402
 from .suite import BENCHMARKS, Benchmark  # noqa: E402
+from .trust.bench import main as trust  # noqa: E402
 
 
 def chosen(names: list[str]) -> list[Benchmark]:
@@ -34,7 +35,10 @@ def chosen(names: list[str]) -> list[Benchmark]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    if sys.argv[1:2] == ["trust"]:
+        return trust(sys.argv[2:])
+    more = "`python -m benchmarks trust` asks whether the verdict can be fooled: see its own --help."
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, epilog=more)
     parser.add_argument("names", nargs="*", metavar="NAME", help="beginning of a benchmark's name (default: all)")
     parser.add_argument("--gate", action="store_true", help="exit with 1 where a figure is missed or has regressed")
     parser.add_argument("--update", action="store_true", help="write the ratios into baseline.json")

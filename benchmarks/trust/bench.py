@@ -1,0 +1,90 @@
+"""`python -m benchmarks trust`: can the verdict be fooled?
+
+Every way to be wrong is tried on many seeds, truth and errors drawn anew in each, and the verdict is compared with the truth.
+"""
+
+import argparse
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
+from pathlib import Path
+
+import jax
+
+from ..one_thread import CORES
+from .catalogue import CATALOGUE, chosen
+from .run import Bench, Row, Run
+from .table import page, table, write
+from .way import Way
+
+SEEDS, CLEAN, OTHER_CLEAN = 100, 1000, 200
+SHORT_SEEDS, SHORT_CLEAN = 1, 2
+_PROCESSES = 2
+
+
+def rows_of(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
+    """The rows of these ways, in this process.
+
+    **Arguments:** `seeds`: of each way; `clean`: of clean data of the scene itself, and at most `OTHER_CLEAN` of its variants.
+    """
+    jax.config.update("jax_enable_x64", True)
+    bench, rows = Bench(), []
+    for way in ways:
+        start = time.perf_counter()
+        count = seeds if way.kind != "clean" else clean if way.name == "clean" else min(clean, OTHER_CLEAN)
+        rows.append(bench.row(way, range(count)))
+        print(f"{way.verb}: {way.name}, {count} runs, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+    return rows
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs what is asked and prints the table; 0 where no scored way fooled the verdict."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks trust", description=__doc__)
+    parser.add_argument("--verb", nargs="+", choices=tuple(CATALOGUE), default=list(CATALOGUE), help="default: all")
+    parser.add_argument("--way", nargs="+", default=[], metavar="NAME", help="beginnings of names of ways (default: all)")
+    parser.add_argument("--seeds", type=int, help=f"of each way (default: {SEEDS})")
+    parser.add_argument("--clean", type=int, help=f"seeds of clean data (default: {CLEAN}; of variants at most {OTHER_CLEAN})")
+    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds and {SHORT_CLEAN} clean ones, in this process")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write all figures")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the tables as a Markdown page")
+    options = parser.parse_args(arguments)
+    seeds = options.seeds or (SHORT_SEEDS if options.short else SEEDS)
+    clean = options.clean or (SHORT_CLEAN if options.short else CLEAN)
+    ways = chosen(options.verb, options.way, options.short)
+    start = time.perf_counter()
+    rows = (rows_of if options.short else _in_processes)(ways, seeds, clean)
+    print(page(rows) if options.page is None else table(rows))
+    print(f"{sum(len(row.runs) for row in rows)} runs, {time.perf_counter() - start:.0f} s")
+    if options.page is not None:
+        options.page.write_text(page(rows), encoding="utf-8")
+    if options.out is not None:
+        write(rows, options.out)
+    return int(any(row.way.kind == "scored" and row.share("fooled") > 0 for row in rows))
+
+
+def _in_processes(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
+    """The same rows, verb by verb, every other one by another process."""
+    of = [[way for way in ways if way.verb == verb] for verb in CATALOGUE]
+    shares = [mine[part::_PROCESSES] for mine in of for part in range(_PROCESSES)]
+    asked = [[(way.verb, way.name) for way in share] for share in shares if share]
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(_PROCESSES, spawn, initializer=_use, initargs=(CORES,)) as pool:
+        found = list(pool.map(_runs_of, asked, repeat(seeds), repeat(clean)))
+    told = {key: runs for keys, of in zip(asked, found, strict=True) for key, runs in zip(keys, of, strict=True)}
+    return [Row(way, *told[way.verb, way.name]) for way in ways]
+
+
+def _use(cores: set[int]) -> None:
+    """The other benchmarks keep to one core, which processes at once would share."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, cores)
+
+
+def _runs_of(asked: Sequence[tuple[str, str]], seeds: int, clean: int) -> list[tuple[tuple[str, ...], tuple[Run, ...]]]:
+    """Names of unknowns and runs of ways, told by verb and name: ways are functions, and stay where they are."""
+    known = {(way.verb, way.name): way for way in chosen(list(CATALOGUE), [])}
+    return [(row.names, row.runs) for row in rows_of([known[key] for key in asked], seeds, clean)]
