@@ -45,8 +45,8 @@ def wave(seen):
 
 
 SPOILED = {
-    "one observation by 40 px": (lambda seen: along(seen, 40.0 * (np.arange(len(seen)) == 7)), "one measurement", "observation 7"),
-    "every second of one image": (
+    "one by 40 px": (lambda seen: along(seen, 40.0 * (np.arange(len(seen)) == 7)), "one measurement", "observation 7"),
+    "one image in turn": (
         lambda seen: along(seen, 12.0 * of_image(seen, "L1") * (-1) ** np.arange(len(seen))), "a group too large", "L1",
     ),
     "errors in time": (wave, "residuals hang together", "time"),

@@ -21,6 +21,7 @@ from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, probab
 
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
+_SMALL = 0.2  # of a sigma: residuals below that do no harm however they hang together
 _DEGREES = 3  # of polynomials
 _CONTROLLED = 0.05  # of a measurement's redundancy: below it the others do not control it (Baarda), and it is not tested
 _AXES = ("sample", "line")
@@ -154,7 +155,7 @@ def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[flo
     index = np.flatnonzero(members)[np.argsort(value[members], kind="stable")]
     scale = np.sqrt(np.maximum(np.einsum("naa->na", fit.left[index]), 1e-6))
     r = fit.residual[index] / scale
-    r = r / np.maximum(np.sqrt((r**2).mean(axis=0)), 1e-12)
+    r = r / np.maximum(np.sqrt((r**2).mean(axis=0)), _SMALL)
     product = (r[1:] * r[:-1]).sum(axis=0)
     z = product / math.sqrt(len(index) - 1)
     tail = [0.5 * math.erfc(float(each) / math.sqrt(2)) for each in z]

@@ -8,12 +8,13 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import Vec3, unstack
-from ..chain.address import Address, make_room, node_at, put, read
+from ..chain.address import Address, make_room, node_at, read
 from ..chain.free_numbers import free_numbers
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
@@ -89,9 +90,9 @@ def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tupl
     numbers = Parameters(jnp.zeros(k), jnp.ones(k), jnp.zeros((k, k)), names, tuple((place,) for place in places))
     x, y, motion = (np.asarray(part) for part in _swept(sensor, shot, unstack(on_device(np.asarray(point_m))), numbers))
     columns = np.stack([x, y], axis=-1)
-    for i, place in enumerate(places):
-        if place.path[-1] in getattr(node_at(sensor, place._replace(path=place.path[:-1])), "kinks", ()):
-            columns[i] = _across(sensor, shot, point_m, place)
+    kinked = [i for i, place in enumerate(places) if place.path[-1] in getattr(_owner(sensor, place), "kinks", ())]
+    if kinked:
+        columns[kinked] = _across(sensor, shot, point_m, tuple(places[i] for i in kinked))
     most = np.abs(columns).max(axis=(1, 2), initial=0.0)
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, most, strict=True)])
     is_pure = np.array([unit_of(place).name == "1" for place in places])
@@ -99,17 +100,26 @@ def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tupl
     return Suspects(names, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
 
 
-def _across(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], place: Address) -> Float[np.ndarray, "n 2"]:
-    """What a delay of a linearly interpolated record does, per second: the difference from one sample earlier to one later.
+def _owner(sensor: Sensor, place: Address) -> Any:
+    """The part that has the number."""
+    return node_at(sensor, place._replace(path=place.path[:-1]))
 
-    Its derivative is the slope between two samples, whose errors are those of the pose itself: so noise of the record would look
-    like a delay. Of white errors this difference has none in common with the pose.
+
+def _across(
+    sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], places: tuple[Address, ...]
+) -> Float[np.ndarray, "delays n 2"]:
+    """What delays of linearly interpolated records do, per second: the difference from one sample earlier to one later.
+
+    Their derivative is the slope between two samples, whose errors are those of the pose itself: so noise of the record would
+    look like a delay. Of white errors this difference has none in common with the pose.
     """
-    node = node_at(sensor, place._replace(path=place.path[:-1]))
-    step_s = float(np.median(np.diff(np.asarray(node.recorded[0].knots.time_s))))
-    point, now = unstack(on_device(np.asarray(point_m))), float(np.asarray(read(sensor, place)))
-    late, early = (np.asarray(_pixels(put(sensor, [place], [now + side * step_s]), shot, point)) for side in (1.0, -1.0))
-    return (late - early) / (2 * step_s)
+    step_s = np.array([np.median(np.diff(np.asarray(_owner(sensor, p).recorded[0].knots.time_s))) for p in places])
+    now, k = np.array([float(np.asarray(read(sensor, place))) for place in places]), len(places)
+    names, of = tuple(place.text for place in places), tuple((place,) for place in places)
+    numbers = Parameters(jnp.asarray(now), jnp.asarray(step_s), jnp.zeros((k, k)), names, of)
+    sides = jnp.concatenate([jnp.eye(k), -jnp.eye(k)])
+    pixel = np.asarray(_pixels(sensor, shot, unstack(on_device(np.asarray(point_m))), numbers, sides))
+    return (pixel[:k] - pixel[k:]) / (2 * step_s[:, None, None])
 
 
 def _usual(place: Address, most_px: float) -> float:
@@ -135,10 +145,18 @@ def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, numbers: Parameters) -
     return x, y, jnp.stack(rows, -2)
 
 
-def _all_pixels(sensor: Sensor, shot: Shot, point: Vec3) -> Float[Array, "n 2"]:
-    x, y = sensor.camera_at(shot).pixel(into_camera(sensor, shot, point))
-    return jnp.stack([jnp.broadcast_to(c, point[0].shape) for c in (x, y)], -1)
+def _all_pixels(
+    sensor: Sensor, shot: Shot, point: Vec3, numbers: Parameters, u: Float[Array, "cases k"]
+) -> Float[Array, "cases n 2"]:
+    """Of each case of the numbers, one after the other."""
+
+    def of(u: Array) -> Array:
+        changed = numbers.put(sensor, u)
+        x, y = changed.camera_at(shot).pixel(into_camera(changed, shot, point))
+        return jnp.stack([jnp.broadcast_to(c, point[0].shape) for c in (x, y)], -1)
+
+    return jax.lax.map(of, u)
 
 
-_pixels: Callable[..., Any] = compiled(_all_pixels, lambda sensor, shot, point: point[0].size)
+_pixels: Callable[..., Any] = compiled(_all_pixels, lambda sensor, shot, point, numbers, u: point[0].size)
 _swept: Callable[..., Any] = compiled(_all_columns, lambda sensor, shot, point, numbers: point[0].size)
