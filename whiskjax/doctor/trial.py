@@ -1,0 +1,212 @@
+"""One remedy tried: the flight with it fitted robustly, and what that costs."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..estimate.linearised import LeastSquares, linearise, prepare
+from ..estimate.observations import Observations
+from ..flights.flight import Flight
+from ..rules import WhiskjaxError
+from ..rules.results import codes_of
+from ..rules import RESULTS
+from .remedy import Remedy
+from .robust import Fit, Rows, covariance, fit, loss
+from .uniform import uniform, whitened_errors
+
+# The squared length of a residual of what cannot have been imaged at all, in sigmas: as bad as anything.
+_IMPOSSIBLE = 1e10
+# What leaving one measurement out costs: as much as one that is three sigmas and a half off.
+LEFT_OUT = 12.0
+# An angle that ends so far from its start is no small angle of a mount, whatever its prior: it costs what tells two remedies apart.
+FAR_RAD, _FAR_COST = math.radians(20.0), 25.0
+_NO_POSE = tuple(
+    int(codes_of(code)) for code in (RESULTS.time_outside_trajectory, RESULTS.time_in_gap, RESULTS.unknown_key)
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What became of a remedy.
+
+    - `flight`: with the remedy, as it would be written.
+    - `cost`: what ranks it: robust chi-square, the priors', what it leaves out or cannot image, and the logarithm by which the
+      sigmas grew, so that nothing is explained by a geometry that blows up what is not known.
+    - `chi_square`, `freedom`: the robust one, with the priors' part, and its degrees of freedom.
+    - `before_px`, `after_px`: length of the median residual before and after the fit; None where nothing is imaged.
+    - `value`, `start`: of the flight's unknowns, in the units of their fields; `prior_sigmas`: how far from their prior means.
+    - `amount`, `amount_sigma`: of the remedy, where it has one.
+    - `start_px`: residuals at the start, (n, 2); `squared`: squared whitened lengths at the end, (n,); `lost`: what is not imaged.
+    - `end`: where the fit ended, whitened; it can go on from there.
+    """
+
+    remedy: Remedy
+    flight: Flight
+    cost: float
+    chi_square: float
+    freedom: int
+    before_px: float | None
+    after_px: float | None
+    value: Float[np.ndarray, " k"]
+    start: Float[np.ndarray, " k"]
+    prior_sigmas: Float[np.ndarray, " k"]
+    amount: float | None
+    amount_sigma: float | None
+    start_px: Float[np.ndarray, "n 2"]
+    squared: Float[np.ndarray, " n"]
+    lost: Bool[np.ndarray, " n"]
+    end: Any
+
+    @property
+    def factor(self) -> float:
+        """How many times as large as their sigmas the residuals are."""
+        return math.sqrt(max(self.chi_square, 0.0) / self.freedom) if self.freedom > 0 else math.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class _Posed:
+    """A flight ready to be fitted."""
+
+    ready: LeastSquares
+    observations: Observations
+
+
+def _pose(flight: Flight) -> _Posed:
+    made = uniform(flight)
+    seen = made.observations()
+    return _Posed(
+        prepare(made.sensor, seen, made.unknowns, None, errors=whitened_errors(made), surface=made.world.surface(0.0)), seen
+    )
+
+
+def attempt(
+    remedy: Remedy, flight: Flight, steps: int, projected_px: Float[np.ndarray, "n 2"] | None = None, known: Any = None
+) -> Trial | str:
+    """Try a remedy on a flight whose measurements all have coordinates.
+
+    **Arguments:** `steps`: of the fit; `projected_px`: where the points are imaged in the flight as given, for a first guess of the
+    amount; `known`: where an earlier fit of it ended.
+
+    **Returns:** the trial, or why there is none: whatever is refused on the way says only that this is no cure.
+    """
+    try:
+        return _attempt(remedy, flight, steps, projected_px, known)
+    except (WhiskjaxError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        return str(error)
+
+
+def _attempt(remedy: Remedy, flight: Flight, steps: int, projected_px: Any, known: Any) -> Trial:
+    amount = remedy.amount
+    at = amount.mean if amount is not None else None
+    if amount is not None and amount.guess is not None and projected_px is not None:
+        at = min(max(amount.guess(flight, projected_px), amount.least), amount.most)
+    if known is not None and amount is not None:
+        at = amount.inside(float(known[-1]))
+    first = _pose(remedy.apply(flight, at))
+    k = len(first.ready.start)
+    left = _left_out(remedy, first.observations)
+    no_pose = np.isin(first.ready.unseen, _NO_POSE)
+    used = ~left & ~no_pose
+
+    made = {at: first}
+
+    def posed(v: float | None) -> _Posed:
+        if v not in made:
+            if len(made) > 2:
+                made.pop(next(iter(made)))
+            made[v] = _pose(remedy.apply(flight, v))
+        return made[v]
+
+    def of(x: np.ndarray) -> Rows:
+        if amount is None:
+            return _rows(posed(None).ready, x)
+        v = amount.inside(float(x[k]))
+        here, h = posed(v).ready, amount.step
+        rows, aside = _rows(here, x[:k]), _rows(posed(v + h).ready, x[:k])
+        with np.errstate(invalid="ignore", over="ignore"):
+            by = ((aside.residual - rows.residual) * (amount.sigma / h))[:, :, None]
+        prior = np.append(rows.prior, x[k])
+        prior_by = np.pad(rows.prior_by, ((0, 1), (0, 1)))
+        prior_by[-1, -1] = 1.0
+        return Rows(rows.residual, np.concatenate([rows.by, by], axis=2), prior, prior_by)
+
+    start = np.append(first.ready.start, [] if amount is None or at is None else [(at - amount.mean) / amount.sigma])
+    end = fit(of, start if known is None else known, used, steps)
+    value = None if amount is None else amount.inside(float(end.x[k]))
+    return _judged(remedy, flight, posed(value), end, used, left, no_pose, value)
+
+
+def _rows(ready: LeastSquares, u: np.ndarray) -> Rows:
+    here = linearise(ready, u)
+    return Rows(here.whitened, here.rows, ready.prior @ u, ready.prior)
+
+
+def _left_out(remedy: Remedy, seen: Observations) -> Bool[np.ndarray, " n"]:
+    if remedy.without is None:
+        return np.zeros(len(seen), dtype=bool)
+    kind, name = remedy.without
+    return np.array(seen.images if kind == "image" else seen.points) == name
+
+
+def _judged(
+    remedy: Remedy,
+    flight: Flight,
+    posed: _Posed,
+    end: Fit,
+    used: np.ndarray,
+    left: np.ndarray,
+    no_pose: np.ndarray,
+    amount: float | None,
+) -> Trial:
+    ready = posed.ready
+    k = len(ready.start)
+    u = end.x[:k]
+    here = linearise(ready, u)
+    lost = no_pose | (here.unseen != 0) | ~np.isfinite(here.whitened).all(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        z = np.where(lost, _IMPOSSIBLE, np.minimum((here.whitened**2).sum(axis=1), _IMPOSSIBLE))
+    priors = end.rows.prior
+    chi_square = float(loss(z)[~left].sum() + priors @ priors)
+    widened = -2 * np.log(np.abs(ready.weight[:, 0] * ready.weight[:, 2]) * ready.observations.sigma_px.prod(axis=1))
+    widened = float(np.where(np.isfinite(widened), widened, 100.0)[~left & ~no_pose].sum())
+    start, value = ready.values(ready.start), ready.values(u)
+    turned = np.array([abs(v - s) for v, s, x in zip(value, start, _unknowns(flight), strict=False) if x.unit.name == "deg"])
+    far = _FAR_COST * float(((turned[turned > FAR_RAD] / FAR_RAD) ** 2).sum())
+    freedom = int(2 * (~left).sum() + len(priors) - int(_without_prior(ready)) - len(end.x))
+    away = np.linalg.norm(here.residual_px, axis=1)
+    return Trial(
+        remedy=remedy,
+        flight=flight,
+        cost=chi_square + widened + far + LEFT_OUT * int(left.sum()),
+        chi_square=chi_square,
+        freedom=freedom,
+        before_px=_median(np.linalg.norm(ready.before_px, axis=1)[~no_pose & ~left]),
+        after_px=_median(away[~lost & ~left]),
+        value=value,
+        start=start,
+        prior_sigmas=np.where(ready.has_prior, u, np.nan),
+        amount=amount,
+        amount_sigma=None if remedy.amount is None else remedy.amount.sigma * float(np.sqrt(covariance(end, used)[-1, -1])),
+        start_px=ready.before_px,
+        squared=z,
+        lost=lost,
+        end=end.x,
+    )
+
+
+def _unknowns(flight: Flight) -> Sequence[Any]:
+    return flight.unknowns
+
+
+def _without_prior(ready: LeastSquares) -> int:
+    """Rows of priors that say nothing."""
+    return int((~ready.has_prior).sum())
+
+
+def _median(lengths: np.ndarray) -> float | None:
+    known = lengths[np.isfinite(lengths)]
+    return float(np.median(known)) if known.size else None
