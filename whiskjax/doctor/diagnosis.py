@@ -123,6 +123,8 @@ class Diagnosis:
         found = []
         for each in self.best[:1]:
             for stray in each.strays:
-                text = f"{each.name}: {stray}: an unknown that ends so far from its start often stands for axes or signs that differ"
+                text = (
+                    f"{each.name}: {stray}: an unknown that ends so far from its start often stands for axes or signs that differ"
+                )
                 found.append(Reason("stray", "caution", text, {}))
         return found

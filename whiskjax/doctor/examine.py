@@ -164,9 +164,7 @@ def _placed(trials: Sequence[Trial], told: int) -> list[Finding]:
         places.append(place)
     inside = sorted(zip(places, ordered, strict=True), key=lambda pair: (pair[0], pair[1].remedy.oddity, pair[1].cost))
     return [
-        _finding(trial, place)
-        for i, (place, trial) in enumerate(inside)
-        if place == 1 or i < told or trial.remedy is AS_GIVEN
+        _finding(trial, place) for i, (place, trial) in enumerate(inside) if place == 1 or i < told or trial.remedy is AS_GIVEN
     ]
 
 
@@ -195,9 +193,7 @@ def _finding(trial: Trial, place: int) -> Finding:
 
 def _strays(trial: Trial) -> list[str]:
     found = []
-    for unknown, value, start, sigmas in zip(
-        trial.flight.unknowns, trial.value, trial.start, trial.prior_sigmas, strict=False
-    ):
+    for unknown, value, start, sigmas in zip(trial.flight.unknowns, trial.value, trial.start, trial.prior_sigmas, strict=False):
         moved = (value - start) * unknown.unit.factor
         if unknown.unit.name == "deg" and abs(value - start) > FAR_RAD:
             found.append(f"{unknown.name} ends {moved:+.1f} deg from its start")

@@ -250,4 +250,3 @@ def _of_millimetres(flight: Flight, projected_px: Float[Any, "n 2"]) -> float:
 
 def _log(above: float, below: float) -> float:
     return math.log(above / below) if above > 0 and below > 0 else _USUAL
-

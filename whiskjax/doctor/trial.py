@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..estimate.linearised import LeastSquares, linearise, prepare
+from ..algebra.vectors import unstack
+from ..estimate.error_effects import white_covariance_px2
+from ..estimate.linearised import LeastSquares, Linearised, linearise, prepare, whitening
 from ..estimate.observations import Observations
+from ..estimate.surveys import triangles
 from ..flights.flight import Flight
-from ..rules import WhiskjaxError
+from ..rules import RESULTS, WhiskjaxError, compiled
 from ..rules.results import codes_of
-from ..rules import RESULTS
 from .remedy import Remedy
 from .robust import Fit, Rows, covariance, fit, loss
 from .uniform import uniform, whitened_errors
@@ -24,9 +26,7 @@ _IMPOSSIBLE = 1e10
 LEFT_OUT = 12.0
 # An angle that ends so far from its start is no small angle of a mount, whatever its prior: it costs what tells two remedies apart.
 FAR_RAD, _FAR_COST = math.radians(20.0), 25.0
-_NO_POSE = tuple(
-    int(codes_of(code)) for code in (RESULTS.time_outside_trajectory, RESULTS.time_in_gap, RESULTS.unknown_key)
-)
+_NO_POSE = tuple(int(codes_of(code)) for code in (RESULTS.time_outside_trajectory, RESULTS.time_in_gap, RESULTS.unknown_key))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,12 +75,20 @@ class _Posed:
     observations: Observations
 
 
-def _pose(flight: Flight) -> _Posed:
+def _pose(flight: Flight, weigh: bool = True) -> _Posed:
+    """**Arguments:** `weigh`: what is stated of the records' errors widens the residuals."""
     made = uniform(flight)
     seen = made.observations()
-    return _Posed(
-        prepare(made.sensor, seen, made.unknowns, None, errors=whitened_errors(made), surface=made.world.surface(0.0)), seen
-    )
+    ready = prepare(made.sensor, seen, made.unknowns, None)
+    errors = whitened_errors(made)
+    if weigh and errors:
+        effect = _white(errors, made.sensor, seen.shot, unstack(seen.point_m), made.world.surface(0.0))
+        fixed = ready.fixed_px2 + np.nan_to_num(np.asarray(effect), nan=0.0, posinf=0.0, neginf=0.0)
+        ready = dataclasses.replace(ready.weighted(whitening(seen.sigma_px, fixed)), fixed_px2=fixed)
+    return _Posed(ready, seen)
+
+
+_white = compiled(white_covariance_px2, lambda errors, sensor, shot, point, surface: len(point[0]))
 
 
 def attempt(
@@ -112,23 +120,19 @@ def _attempt(remedy: Remedy, flight: Flight, steps: int, projected_px: Any, know
     no_pose = np.isin(first.ready.unseen, _NO_POSE)
     used = ~left & ~no_pose
 
-    made = {at: first}
-
-    def posed(v: float | None) -> _Posed:
-        if v not in made:
-            if len(made) > 2:
-                made.pop(next(iter(made)))
-            made[v] = _pose(remedy.apply(flight, v))
-        return made[v]
+    def posed(v: float | None) -> LeastSquares:
+        return first.ready if v == at else _pose(remedy.apply(flight, v)).ready
 
     def of(x: np.ndarray) -> Rows:
         if amount is None:
-            return _rows(posed(None).ready, x)
-        v = amount.inside(float(x[k]))
-        here, h = posed(v).ready, amount.step
-        rows, aside = _rows(here, x[:k]), _rows(posed(v + h).ready, x[:k])
+            return _rows(first.ready, linearise(first.ready, x))
+        v, h = amount.inside(float(x[k])), amount.step
+        ready = posed(v)
+        here, aside = linearise(ready, x[:k]), linearise(_pose(remedy.apply(flight, v + h), False).ready, x[:k])
         with np.errstate(invalid="ignore", over="ignore"):
-            by = ((aside.residual - rows.residual) * (amount.sigma / h))[:, :, None]
+            moved = (aside.residual_px - here.residual_px) * (amount.sigma / h)
+            by = np.einsum("nij,nj->ni", triangles(ready.weight), moved)[:, :, None]
+        rows = _rows(ready, here)
         prior = np.append(rows.prior, x[k])
         prior_by = np.pad(rows.prior_by, ((0, 1), (0, 1)))
         prior_by[-1, -1] = 1.0
@@ -140,9 +144,8 @@ def _attempt(remedy: Remedy, flight: Flight, steps: int, projected_px: Any, know
     return _judged(remedy, flight, posed(value), end, used, left, no_pose, value)
 
 
-def _rows(ready: LeastSquares, u: np.ndarray) -> Rows:
-    here = linearise(ready, u)
-    return Rows(here.whitened, here.rows, ready.prior @ u, ready.prior)
+def _rows(ready: LeastSquares, here: Linearised) -> Rows:
+    return Rows(here.whitened, here.rows, ready.prior @ here.u, ready.prior)
 
 
 def _left_out(remedy: Remedy, seen: Observations) -> Bool[np.ndarray, " n"]:
@@ -155,14 +158,13 @@ def _left_out(remedy: Remedy, seen: Observations) -> Bool[np.ndarray, " n"]:
 def _judged(
     remedy: Remedy,
     flight: Flight,
-    posed: _Posed,
+    ready: LeastSquares,
     end: Fit,
     used: np.ndarray,
     left: np.ndarray,
     no_pose: np.ndarray,
     amount: float | None,
 ) -> Trial:
-    ready = posed.ready
     k = len(ready.start)
     u = end.x[:k]
     here = linearise(ready, u)
