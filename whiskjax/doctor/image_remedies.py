@@ -22,6 +22,7 @@ from .remedy import Amount, Remedy, constant
 _TABLE = "observations.csv"
 # Pixels of 0.5 um and of 50 um: what millimetres make of pixels, as natural logarithms.
 _LEAST, _MOST = math.log(20.0), math.log(2000.0)
+_APART = 20.0  # sigmas
 _USUAL = (_LEAST + _MOST) / 2
 
 
@@ -64,17 +65,18 @@ def image_remedies(flight: Flight) -> Iterator[Remedy]:
         lambda v: f"flight.toml: camera.focal_px (images.csv: focal_px) and its unknowns' priors times {math.exp(v or 0.0):.6g}",
         Amount("times", 1.0, 1e-5, _USUAL, math.exp, lambda f, px: -_ratio(f, px), _LEAST, _MOST),
     )
-    yield Remedy(
-        "image coordinates in mm",
-        "unit of the image",
-        "Image coordinates are millimetres from the principal point, x to the right and y up, where pixels are read.",
-        _in_millimetres,
-        lambda v: (
-            f"{_TABLE}: sample = principal column + {math.exp(v or 0.0):.6g} x, line = principal row - {math.exp(v or 0.0):.6g} y, "
-            "with x and y in mm, and sigmas likewise"
-        ),
-        Amount("px/mm", 1.0, 1e-5, _USUAL, math.exp, _of_millimetres, _LEAST, _MOST),
-    )
+    if _is_spread(flight):
+        yield Remedy(
+            "image coordinates in mm",
+            "unit of the image",
+            "Image coordinates are millimetres from the principal point, x to the right and y up, where pixels are read.",
+            _in_millimetres,
+            lambda v: (
+                f"{_TABLE}: sample = principal column + {math.exp(v or 0.0):.6g} x, line = principal row - {math.exp(v or 0.0):.6g} y, "
+                "with x and y in mm, and sigmas likewise"
+            ),
+            Amount("px/mm", 1.0, 1e-5, _USUAL, math.exp, _of_millimetres, _LEAST, _MOST),
+        )
 
 
 def _of_lines(flight: Flight) -> Iterator[Remedy]:
@@ -226,6 +228,12 @@ def _in_millimetres(flight: Flight, log_factor: float | None) -> Flight:
             new, line_px=principal[:, 1] - factor * m.line_px, sigma_line_px=np.asarray(m.sigma_line_px) * factor
         )
     return dataclasses.replace(flight, measurements=new)
+
+
+def _is_spread(flight: Flight) -> bool:
+    """Whether image points lie apart by more than noise; where all lie in the principal point any unit would do."""
+    m, sigma = flight.measurements, np.asarray(flight.measurements.sigma_sample_px)
+    return float(np.std(m.sample_px)) > _APART * float(np.median(sigma))
 
 
 def _spread(px: Float[np.ndarray, "n 2"], is_line: bool) -> float:
