@@ -4,7 +4,7 @@ A spoil is None for flights on which the mistake cannot be made: no encoders, no
 """
 
 import dataclasses
-import functools
+import fnmatch
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ NED_FROM_ENU = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]], assume_v
 
 
 class Spoil(NamedTuple):
-    """A mistake, and the names of the remedies that undo it."""
+    """A mistake, and the names of the remedies that undo it (patterns)."""
 
     name: str
     make: Callable[[Any], Any]
@@ -306,14 +306,6 @@ def convergence(by_deg):
     return lambda flight: attitudes(flight, lambda r: Rotation.concatenate([turn] * len(r)) * r)
 
 
-def _of_opk(order, which=(0, 1, 2)):
-    def of(r):
-        a = r.as_euler("XYZ")
-        return Rotation.from_euler(order, a[:, list(which)])
-
-    return of
-
-
 ROLL_PITCH_HEADING = {
     "sign of roll": lambda r, p, h: (-r, p, h),
     "sign of pitch": lambda r, p, h: (r, -p, h),
@@ -322,39 +314,6 @@ ROLL_PITCH_HEADING = {
     "roll and pitch exchanged": lambda r, p, h: (p, r, h),
     "heading from east": lambda r, p, h: (r, p, np.pi / 2 - h),
 }
-
-
-def first(names, prefix):
-    return tuple(n for n in names if n.startswith(prefix))
-
-
-SPOILS = [
-    *(Spoil(name, angles(of), (name,)) for name, of in ROLL_PITCH_HEADING.items()),
-    Spoil("transposed rotations", lambda f: attitudes(f, lambda r: r.inv()), ("transposed rotations",)),
-    Spoil("sign of phi", opk(lambda r: _of_signs(r, (1, -1, 1))), ("sign of phi",)),
-    Spoil("order of omega, phi, kappa", opk(lambda r: _reverse(r)), ("order Rz Ry Rx of omega, phi, kappa",)),
-    Spoil("transposed omega, phi, kappa", opk(lambda r: r.inv()), ("transposed omega, phi, kappa",)),
-    Spoil("axes turned by 90 deg", axes("y -x z"), ("axes", "camera turned")),
-    Spoil("axes turned by 180 deg", axes("-x y -z"), ("axes", "camera turned")),
-    Spoil("axes permuted", axes("y z x"), ("axes", "camera turned")),
-    Spoil("line and sample exchanged", exchanged, ("line and sample exchanged",)),
-    Spoil("sample mirrored", mirrored("sample_px"), ("sample counted", "direction of samples")),
-    Spoil("line mirrored", mirrored("line_px"), ("line counted",)),
-    Spoil("first pixel", first_pixel(1.0), ("first pixel",)),
-    Spoil("focal length in mm", focal_in_mm(0.0065), ("focal length in mm",)),
-    Spoil("image coordinates in mm", image_in_mm(0.0065), ("image coordinates in mm",)),
-    Spoil("coordinates exchanged", places_exchanged, ("latitude and longitude of points", "x and y of points")),
-    Spoil("height step of 45 m", raised(45.0), ("height of points",)),
-    Spoil("convergence of 1.7 deg", convergence(1.7), ("convergence",)),
-    Spoil("images 18 s late", images_late(18.0), ("images -18 s",)),
-    Spoil("images 1 s early", images_late(-1.0), ("images +1 s",)),
-    Spoil("POS 1 s late", pos_late(1.0), ("POS -1 s",)),
-    Spoil("encoders 2 s early", encoders(lambda t, a: (t - 2.0, a)), ("encoders +2 s",)),
-    Spoil("encoder sign", encoders(lambda t, a: (t, -a), 0), ("sign of",)),
-    Spoil("half an encoder's angle", encoders(lambda t, a: (t, a / 2), 0), ("twice the angle of",)),
-    Spoil("a wrong image", wrong_image, ("image ",)),
-    Spoil("a wrong point", wrong_point, ("point ",)),
-]
 
 
 def _of_signs(r, signs):
@@ -367,22 +326,40 @@ def _reverse(r):
     return Rotation.from_euler("XYZ", np.stack([omega, phi, kappa], axis=-1))
 
 
+SPOILS = [
+    *(Spoil(name, angles(of), (name,)) for name, of in ROLL_PITCH_HEADING.items()),
+    Spoil("transposed rotations", lambda f: attitudes(f, lambda r: r.inv()), ("transposed rotations",)),
+    Spoil("sign of phi", opk(lambda r: _of_signs(r, (1, -1, 1))), ("sign of phi",)),
+    Spoil("order of omega, phi, kappa", opk(lambda r: _reverse(r)), ("order Rz Ry Rx of omega, phi, kappa",)),
+    Spoil("transposed omega, phi, kappa", opk(lambda r: r.inv()), ("transposed omega, phi, kappa",)),
+    Spoil("axes turned by 90 deg", axes("y -x z"), ("axes of *", "camera turned*")),
+    Spoil("axes turned by 180 deg", axes("-x y -z"), ("axes of *", "camera turned*")),
+    Spoil("axes permuted", axes("y z x"), ("axes of *", "camera turned*")),
+    Spoil("line and sample exchanged", exchanged, ("line and sample exchanged",)),
+    Spoil("sample mirrored", mirrored("sample_px"), ("sample counted*", "direction of samples")),
+    Spoil("line mirrored", mirrored("line_px"), ("line counted*",)),
+    Spoil("first pixel", first_pixel(1.0), ("first pixel",)),
+    Spoil("focal length in mm", focal_in_mm(0.0065), ("focal length in mm",)),
+    Spoil("image coordinates in mm", image_in_mm(0.0065), ("image coordinates in mm",)),
+    Spoil("coordinates exchanged", places_exchanged, ("latitude and longitude of points *", "x and y of points *")),
+    Spoil("height step of 45 m", raised(45.0), ("height of points",)),
+    Spoil("convergence of 1.7 deg", convergence(1.7), ("convergence",)),
+    Spoil("images 18 s late", images_late(18.0), ("images -18 s",)),
+    Spoil("images 1 s early", images_late(-1.0), ("images +1 s",)),
+    Spoil("POS 1 s late", pos_late(1.0), ("POS -1 s",)),
+    Spoil("encoders 2 s early", encoders(lambda t, a: (t - 2.0, a)), ("encoders +2 s",)),
+    Spoil("encoder sign", encoders(lambda t, a: (t, -a), 0), ("sign of *",)),
+    Spoil("half an encoder's angle", encoders(lambda t, a: (t, a / 2), 0), ("twice the angle of *",)),
+    Spoil("a wrong image", wrong_image, ("image * is wrong",)),
+    Spoil("a wrong point", wrong_point, ("point * is wrong",)),
+]
+
+
 def is_cure(spoil, name):
-    """Whether a remedy undoes the mistake: by its name, or the beginning of it where the name goes on with a frame."""
-    return any(name == cure or (cure[-1:] in " f" or cure in _OPEN) and name.startswith(cure) for cure in spoil.cures)
+    """Whether a remedy undoes the mistake."""
+    return any(fnmatch.fnmatchcase(name, cure) for cure in spoil.cures)
 
 
-_OPEN = {
-    "axes",
-    "camera turned",
-    "sample counted",
-    "direction of samples",
-    "line counted",
-    "latitude and longitude of points",
-    "x and y of points",
-}
-
-
-@functools.cache
 def named(name):
+    """A mistake by its name."""
     return next(s for s in SPOILS if s.name == name)

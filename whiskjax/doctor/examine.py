@@ -26,9 +26,9 @@ def examine(flight: Flight, *, told: int = 8) -> Diagnosis:
     """Find out what is wrong with a flight whose measurements do not fit.
 
     Everything that people get wrong (conventions.py) is undone, one at a time: signs and orders of angles, axes, image axes and
-    units, clocks, heights, points, encoders. What the flight says is unknown is then fitted to the points with coordinates, by a
-    robust fit that no blunder hides from and no failure ends, and the remedies are ranked by its chi-square. Where none brings the
-    residuals near the noise, pairs of the best are tried; images and points that alone disagree are named.
+    units, clocks, heights, points, encoders. What the flight says is unknown is then fitted to the points with coordinates,
+    robustly, so that no blunder hides the cure; no failure ends the examination. The remedies are ranked by their chi-square.
+    Where none brings the residuals near the noise, pairs of the best are tried; images and points that alone disagree are named.
 
     **Arguments:**
 
@@ -152,7 +152,7 @@ def _cost(trial: Trial) -> float:
 
 
 def _placed(trials: Sequence[Trial], told: int) -> list[Finding]:
-    """Findings in order. Chi-squares count in units of the noise: where even the best is beyond it, differences are larger too."""
+    """Findings in order. Chi-squares count in units of the noise: where even the best is beyond it, so are differences."""
     if not trials:
         return []
     ordered = sorted(trials, key=_cost)

@@ -52,8 +52,8 @@ def image_remedies(flight: Flight) -> Iterator[Remedy]:
         "Image coordinates were measured from another first pixel than the camera's, as 0 or 1, a pixel's corner or its centre.",
         _shifted,
         lambda v: (
-            f"{_TABLE}: add {v or 0.0:+.3f} to line and sample; where that is near 0.5 or 1, the program that measured counts from "
-            "another pixel than flight.toml says: [pixel] first_pixel_centre"
+            f"{_TABLE}: add {v or 0.0:+.3f} to line and sample; near 0.5 or 1, the program that measured counts from another "
+            "pixel than the camera's numbers do: [pixel] first_pixel_centre holds for both"
         ),
         Amount("px", 1.0, 1e-2),
     )
@@ -72,8 +72,8 @@ def image_remedies(flight: Flight) -> Iterator[Remedy]:
             "Image coordinates are millimetres from the principal point, x to the right and y up, where pixels are read.",
             _in_millimetres,
             lambda v: (
-                f"{_TABLE}: sample = principal column + {math.exp(v or 0.0):.6g} x, line = principal row - {math.exp(v or 0.0):.6g} y, "
-                "with x and y in mm, and sigmas likewise"
+                f"{_TABLE}: sample = principal column + k x, line = principal row - k y, with x and y in mm and "
+                f"k = {math.exp(v or 0.0):.6g} px/mm, and sigmas times k"
             ),
             Amount("px/mm", 1.0, 1e-5, _USUAL, math.exp, _of_millimetres, _LEAST, _MOST),
         )
@@ -144,15 +144,13 @@ def _principal_px(flight: Flight) -> Float[np.ndarray, "n 2"]:
         options = _leaves(camera)
         if len(options) == len(camera.options):
             index = np.array([flight.key_index(image, camera.key) for image in flight.images])[flight.measurements.image]
-    at = [
-        np.asarray(c.principal_point_px).reshape(-1)[:2]
-        if isinstance(c, FrameCamera)
-        else np.array([float(c.principal_sample_px), 0.0])
-        if _is_line(c)
-        else np.zeros(2)
-        for c in options
-    ]
-    return np.stack(at)[index]
+    return np.stack([_principal(c) for c in options])[index]
+
+
+def _principal(camera: Any) -> Float[np.ndarray, "2"]:
+    if isinstance(camera, FrameCamera):
+        return np.asarray(camera.principal_point_px).reshape(-1)[:2]
+    return np.array([float(camera.principal_sample_px) if _is_line(camera) else 0.0, 0.0])
 
 
 def _mirrored(flight: Flight, axis: int) -> Flight:

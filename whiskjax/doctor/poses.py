@@ -37,12 +37,6 @@ def is_recorded(flight: Flight) -> bool:
     return any(isinstance(link, Trajectory | PosePerImage) for link in flight.sensor.links)
 
 
-def positions_m(flight: Flight) -> Float[np.ndarray, "n 3"]:
-    """Recorded positions, world frame, of all links that record some."""
-    found = [np.stack([np.asarray(c) for c in x.position_m], axis=-1) for x in flight.sensor.links if _records(x)]
-    return np.concatenate(found) if found else np.zeros((0, 3))
-
-
 def turned(flight: Flight, turn: Turning) -> Flight:
     """The flight with other attitudes. **Arguments:** `turn`: of rotations ned_from_body, (n, 3, 3)."""
     return world_turned(flight, lambda r, level: level @ turn(np.swapaxes(level, -1, -2) @ r))

@@ -17,7 +17,7 @@ _MOST_DAMPING, _SETTLED = 1e12, 1e-4
 
 
 class Rows(NamedTuple):
-    """Whitened residuals and derivatives by some numbers: of observations, (n, 2) and (n, 2, k), and of priors, (m,) and (m, k)."""
+    """Whitened residuals and derivatives by some numbers: of observations (n, 2), (n, 2, k), and of priors (m,), (m, k)."""
 
     residual: Float[np.ndarray, "n 2"]
     by: Float[np.ndarray, "n 2 k"]

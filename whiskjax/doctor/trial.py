@@ -24,7 +24,7 @@ from .uniform import uniform, whitened_errors
 _IMPOSSIBLE = 1e10
 # What leaving one measurement out costs: as much as one that is three sigmas and a half off.
 LEFT_OUT = 12.0
-# An angle that ends so far from its start is no small angle of a mount, whatever its prior: it costs what tells two remedies apart.
+# An angle that ends so far from its start is none of a mount, whatever its prior: it costs what tells two remedies apart.
 FAR_RAD, _FAR_COST = math.radians(20.0), 25.0
 _NO_POSE = tuple(int(codes_of(code)) for code in (RESULTS.time_outside_trajectory, RESULTS.time_in_gap, RESULTS.unknown_key))
 
@@ -40,7 +40,7 @@ class Trial:
     - `before_px`, `after_px`: length of the median residual before and after the fit; None where nothing is imaged.
     - `value`, `start`: of the flight's unknowns, in the units of their fields; `prior_sigmas`: how far from their prior means.
     - `amount`, `amount_sigma`: of the remedy, where it has one.
-    - `start_px`: residuals at the start, (n, 2); `squared`: squared whitened lengths at the end, (n,); `lost`: what is not imaged.
+    - `start_px`: residuals at the start, (n, 2); `squared`: squared whitened lengths at the end, (n,); `lost`: not imaged, (n,).
     - `end`: where the fit ended, whitened; it can go on from there.
     """
 
@@ -96,8 +96,8 @@ def attempt(
 ) -> Trial | str:
     """Try a remedy on a flight whose measurements all have coordinates.
 
-    **Arguments:** `steps`: of the fit; `projected_px`: where the points are imaged in the flight as given, for a first guess of the
-    amount; `known`: where an earlier fit of it ended.
+    **Arguments:** `steps`: of the fit; `projected_px`: where the points are imaged in the flight as given, for a first guess of
+    the amount; `known`: where an earlier fit of it ended.
 
     **Returns:** the trial, or why there is none: whatever is refused on the way says only that this is no cure.
     """

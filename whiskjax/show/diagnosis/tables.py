@@ -8,9 +8,11 @@ from ..sheets import write_csv
 from ..tables import Cell, Table, fixed, short
 
 _COLUMNS = (
-    "place", "name", "median_residual_before_px", "median_residual_after_px", "factor", "chi_square", "degrees_of_freedom", "cost",
-    "value", "value_sigma", "unit", "change",
+    "place", "name", "median_residual_before_px", "median_residual_after_px", "factor", "chi_square", "degrees_of_freedom",
+    "cost", "value", "value_sigma", "unit", "change",
 )  # fmt: skip
+
+_HEADINGS = ("place", "what", "median px: before", "median px: after", "times: noise", "chi-: square", "value")
 
 
 def findings(summary: Summary) -> Table | None:
@@ -21,7 +23,7 @@ def findings(summary: Summary) -> Table | None:
     last = [i for i, row in enumerate(rows) if i + 1 < len(rows) and rows[i + 1]["place"] != row["place"]]
     return Table(
         "What explains the data",
-        ("place", "what", "median px: before", "median px: after", "times: noise", "chi-: square", "value"),
+        _HEADINGS,
         (True, False, True, True, True, True, True),
         tuple(
             (
@@ -35,8 +37,8 @@ def findings(summary: Summary) -> Table | None:
             )
             for row in rows
         ),
-        "Each line is the flight with one thing changed: residuals at its start values and after a robust fit of its unknowns. What "
-        "shares a place the data do not tell apart.",
+        "Each line is the flight with one thing changed: residuals at its start values and after a robust fit of its unknowns. "
+        "What shares a place the data do not tell apart.",
         tuple(last),
     )
 
