@@ -184,7 +184,10 @@ def image_in_mm(pitch_mm):
     def make(flight):
         m, camera = flight.measurements, flight.sensor.camera
         if flight.is_line:
-            return measured(flight, sample_px=m.sample_px * pitch_mm, sigma_sample_px=m.sigma_sample_px * pitch_mm)
+            cameras = camera.options if isinstance(camera, wj.By) else [camera]
+            (principal,) = {float(c.principal_sample_px) for c in cameras}
+            columns = {"sample_px": (m.sample_px - principal) * pitch_mm, "sigma_sample_px": m.sigma_sample_px * pitch_mm}
+            return measured(flight, **columns)
         column, row = np.asarray(camera.principal_point_px)
         return measured(
             flight,
@@ -327,7 +330,7 @@ def _reverse(r):
 
 
 SPOILS = [
-    *(Spoil(name, angles(of), (name,)) for name, of in ROLL_PITCH_HEADING.items()),
+    *(Spoil(name, angles(of), (name, f"{name} *")) for name, of in ROLL_PITCH_HEADING.items()),
     Spoil("transposed rotations", lambda f: attitudes(f, lambda r: r.inv()), ("transposed rotations",)),
     Spoil("sign of phi", opk(lambda r: _of_signs(r, (1, -1, 1))), ("sign of phi",)),
     Spoil("order of omega, phi, kappa", opk(lambda r: _reverse(r)), ("order Rz Ry Rx of omega, phi, kappa",)),
@@ -348,8 +351,8 @@ SPOILS = [
     Spoil("images 1 s early", images_late(-1.0), ("images +1 s",)),
     Spoil("POS 1 s late", pos_late(1.0), ("POS -1 s",)),
     Spoil("encoders 2 s early", encoders(lambda t, a: (t - 2.0, a)), ("encoders +2 s",)),
-    Spoil("encoder sign", encoders(lambda t, a: (t, -a), 0), ("sign of *",)),
-    Spoil("half an encoder's angle", encoders(lambda t, a: (t, a / 2), 0), ("twice the angle of *",)),
+    Spoil("encoder sign", encoders(lambda t, a: (t, -a), 0), ("sign of encoder *",)),
+    Spoil("half an encoder's angle", encoders(lambda t, a: (t, a / 2), 0), ("twice the angle of encoder *",)),
     Spoil("a wrong image", wrong_image, ("image * is wrong",)),
     Spoil("a wrong point", wrong_point, ("point * is wrong",)),
 ]

@@ -37,6 +37,14 @@ def attitude_remedies(flight: Flight) -> Iterator[Remedy]:
         f"{file}: exchange the columns roll_deg and pitch_deg",
         lambda r, p, h: (p, r, h),
     )
+    # The same rotation has other angles, with a pitch beyond a right angle, as of a body whose z points up.
+    yield _of_angles(
+        "roll and pitch exchanged beyond 90 deg",
+        "Roll stands in the column of pitch, and pitch, which is beyond 90 deg, in that of roll.",
+        f"{file}: exchange the columns roll_deg and pitch_deg",
+        lambda r, p, h: (np.pi - p, r + np.pi, h + np.pi),
+        oddity=2,
+    )
     yield _of_angles(
         "heading from east",
         "The heading counts anticlockwise from east, as mathematicians count, and not clockwise from north.",

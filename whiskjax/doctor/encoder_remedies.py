@@ -19,7 +19,7 @@ def encoder_remedies(flight: Flight) -> Iterator[Remedy]:
             continue
         place = f"flight.toml: chain[{i}] (frame {name!r})"
         yield Remedy(
-            f"sign of {name}",
+            f"sign of encoder {name}",
             f"encoder of {name}",
             f"The encoder of {name} turns the other way.",
             lambda f, _, name=name: _other_way(f, name),
@@ -30,7 +30,7 @@ def encoder_remedies(flight: Flight) -> Iterator[Remedy]:
             (0.5, "half", "It records the angle of the beam, which a mirror turns by twice its own."),
         ):
             yield Remedy(
-                f"{word} the angle of {name}",
+                f"{word} the angle of encoder {name}",
                 f"encoder of {name}",
                 why,
                 lambda f, _, name=name, factor=factor: _scaled(f, name, factor),

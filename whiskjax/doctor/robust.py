@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 BOUND = 3.0
 _MEDIAN = 1.386  # of the squared length of two normal residuals
 _MOST_DAMPING, _SETTLED = 1e12, 1e-4
+_LITTLE = 1e-2  # of the cost: 25 tell remedies apart
 
 
 class Rows(NamedTuple):
@@ -58,10 +59,12 @@ def fit(
         diagonal = np.maximum(normal.diagonal(), 1e-12 * max(normal.diagonal().max(initial=0.0), 1e-300))
         step = -np.linalg.lstsq(normal + damping * np.diag(diagonal), slope, rcond=None)[0]
         there = of(x + step)
-        if _cost(there, used, scale) <= _cost(rows, used, scale):
+        gained = _cost(rows, used, scale) - _cost(there, used, scale)
+        if gained >= 0:
             x, rows, taken = x + step, there, taken + 1
             shrunk, damping = _scale(rows, used), max(damping / 8, 1e-9)
-            if np.abs(step).max() < _SETTLED and shrunk >= scale:
+            is_little = np.abs(step).max() < _SETTLED or (gained < _LITTLE and damping < 1e-2)
+            if is_little and shrunk >= scale:
                 break
             scale = min(scale, shrunk)
         else:

@@ -2,15 +2,18 @@
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
+from ..chain.knots import Knots
 from ..chain.lines import LineTimes
 from ..chain.trajectory import Trajectory
 from ..chain.turn import Encoder, Turn
 from ..flights.flight import Flight
+from ..rules import WhiskjaxError
 from .image_remedies import with_lines
 from .poses import with_links
 from .remedy import Remedy, constant
@@ -20,25 +23,26 @@ _GPS = {18: " (GPS time is 18 s ahead of UTC since 2017)", 19: " (TAI is 19 s ah
 
 
 def time_remedies(flight: Flight) -> Iterator[Remedy]:
-    """Shifts by whole seconds of images, of POS, and of encoders against the rest."""
+    """Shifts by whole seconds of images, of POS, and of encoders, where half of the measurements then lie in the record."""
     links = flight.sensor.links
     has_pos = any(isinstance(link, Trajectory) for link in links)
     turns = [name for name, link in zip(flight.sensor.names, links, strict=True) if _is_recorded_turn(link)]
     if not has_pos and not turns:
         return
-    table = "lines.csv" if flight.is_line else "images.csv"
+    table, is_recorded = "lines.csv" if flight.is_line else "images.csv", _Record.of(flight)
     for s in (k for k in range(-MOST_S, MOST_S + 1) if k):
         why = _GPS.get(abs(s), "")
-        yield Remedy(
-            f"images {s:+d} s",
-            "clock of images",
-            f"Times of the images are off by a whole number of seconds against POS{why}.",
-            lambda f, _, s=s: _images_later(f, s),
-            constant(f"{table}: add {s:+d} to time_s"),
-            oddity=1 + (abs(s) != 18),
-            pairs=abs(s) in (1, 18),
-        )
-        if has_pos and turns:
+        if is_recorded(-s, -s):
+            yield Remedy(
+                f"images {s:+d} s",
+                "clock of images",
+                f"Times of the images are off by a whole number of seconds against POS{why}.",
+                lambda f, _, s=s: _images_later(f, s),
+                constant(f"{table}: add {s:+d} to time_s"),
+                oddity=1 + (abs(s) != 18),
+                pairs=abs(s) in (1, 18),
+            )
+        if has_pos and turns and is_recorded(s, 0):
             yield Remedy(
                 f"POS {s:+d} s",
                 "clock of POS",
@@ -48,6 +52,7 @@ def time_remedies(flight: Flight) -> Iterator[Remedy]:
                 oddity=2 + (abs(s) != 18),
                 pairs=abs(s) in (1, 18),
             )
+        if has_pos and turns and is_recorded(0, s):
             yield Remedy(
                 f"encoders {s:+d} s",
                 "clock of encoders",
@@ -57,6 +62,35 @@ def time_remedies(flight: Flight) -> Iterator[Remedy]:
                 oddity=2 + (abs(s) != 18),
                 pairs=abs(s) in (1, 18),
             )
+
+
+class _Record(NamedTuple):
+    """What was recorded when: sample times and gaps of POS and of encoders, and the times of the measurements, seconds."""
+
+    pos: list[Knots]
+    encoders: list[Knots]
+    time_s: Float[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, flight: Flight) -> "_Record":
+        links, m = flight.sensor.links, flight.measurements
+        try:
+            time = np.asarray(flight.shot(m.image, m.line_px).time_s, dtype=float)
+        except WhiskjaxError:  # lines outside their tables: then all is tried, and refused where it is
+            time = np.zeros(0)
+        pos = [link.knots for link in links if isinstance(link, Trajectory)]
+        return cls(pos, [link.encoder.knots for link in links if _is_recorded_turn(link)], time)
+
+    def __call__(self, pos_s: float, encoders_s: float) -> bool:
+        """Whether at least half of the measurements lie in the records, shifted by so much."""
+        inside = np.ones(len(self.time_s), dtype=bool)
+        for records, later in ((self.pos, pos_s), (self.encoders, encoders_s)):
+            for knots in records:
+                samples = np.asarray(knots.time_s) + later
+                i = np.searchsorted(samples, self.time_s, side="right") - 1
+                known = (i >= 0) & (i < len(samples) - 1)
+                inside &= known & ~np.asarray(knots.is_gap)[np.clip(i, 0, len(samples) - 2)]
+        return not len(inside) or 2 * int(inside.sum()) >= len(inside)
 
 
 def _is_recorded_turn(link: Any) -> bool:
