@@ -13,7 +13,7 @@ from .diagnosis import ALIKE, NOISE, Diagnosis, Finding
 from .point_remedies import chosen, wrong_ones
 from .remedy import AS_GIVEN, Remedy
 from .robust import loss
-from .trial import FAR_RAD, LEFT_OUT, Trial, attempt
+from .trial import LEFT_OUT, Trial, attempt, how_far
 
 # Measurements that are looked at: more of them cost time, and tell no more of what is wrong with all.
 MOST_OBSERVATIONS = 1200
@@ -195,8 +195,8 @@ def _strays(trial: Trial) -> list[str]:
     found = []
     for unknown, value, start, sigmas in zip(trial.flight.unknowns, trial.value, trial.start, trial.prior_sigmas, strict=False):
         moved = (value - start) * unknown.unit.factor
-        if unknown.unit.name == "deg" and abs(value - start) > FAR_RAD:
-            found.append(f"{unknown.name} ends {moved:+.1f} deg from its start")
+        if how_far(unknown, value, start) > 1:
+            found.append(f"{unknown.name} ends {moved:+.4g} {unknown.unit.name} from its start")
         elif abs(sigmas) > _PRIOR_SIGMAS:
             found.append(f"{unknown.name} ends {abs(sigmas):.0f} prior sigmas from its mean ({moved:+.4g} {unknown.unit.name})")
     return found

@@ -79,7 +79,8 @@ class _Record(NamedTuple):
         except WhiskjaxError:  # lines outside their tables: then all is tried, and refused where it is
             time = np.zeros(0)
         pos = [link.knots for link in links if isinstance(link, Trajectory)]
-        return cls(pos, [link.encoder.knots for link in links if _is_recorded_turn(link)], time)
+        turns = [link.encoder for link in links if isinstance(link, Turn)]
+        return cls(pos, [encoder.knots for encoder in turns if isinstance(encoder, Encoder)], time)
 
     def __call__(self, pos_s: float, encoders_s: float) -> bool:
         """Whether at least half of the measurements lie in the records, shifted by so much."""

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..estimate.error_effects import white_covariance_px2
 from ..estimate.linearised import LeastSquares, Linearised, linearise, prepare, whitening
 from ..estimate.observations import Observations
 from ..estimate.surveys import triangles
+from ..estimate.unknown import Unknown
 from ..flights.flight import Flight
 from ..rules import RESULTS, WhiskjaxError, compiled
 from ..rules.results import codes_of
@@ -24,8 +24,9 @@ from .uniform import uniform, whitened_errors
 _IMPOSSIBLE = 1e10
 # What leaving one measurement out costs: as much as one that is three sigmas and a half off.
 LEFT_OUT = 12.0
-# An angle that ends so far from its start is none of a mount, whatever its prior: it costs what tells two remedies apart.
-FAR_RAD, _FAR_COST = math.radians(20.0), 25.0
+# An angle that ends so far from its start is none of a mount, and a focal length so many times its start none of a lens, whatever
+# their priors: they cost what tells two remedies apart.
+_FAR_RAD, _FAR_TIMES, _FAR_COST, _MUCH = math.radians(20.0), 1.5, 25.0, 100.0
 _NO_POSE = tuple(int(codes_of(code)) for code in (RESULTS.time_outside_trajectory, RESULTS.time_in_gap, RESULTS.unknown_key))
 
 
@@ -176,14 +177,13 @@ def _judged(
     widened = -2 * np.log(np.abs(ready.weight[:, 0] * ready.weight[:, 2]) * ready.observations.sigma_px.prod(axis=1))
     widened = float(np.where(np.isfinite(widened), widened, 100.0)[~left & ~no_pose].sum())
     start, value = ready.values(ready.start), ready.values(u)
-    turned = np.array([abs(v - s) for v, s, x in zip(value, start, _unknowns(flight), strict=False) if x.unit.name == "deg"])
-    far = _FAR_COST * float(((turned[turned > FAR_RAD] / FAR_RAD) ** 2).sum())
+    far = [how_far(x, v, s) for x, v, s in zip(flight.unknowns, value, start, strict=False)]
     freedom = int(2 * (~left).sum() + len(priors) - int(_without_prior(ready)) - len(end.x))
     away = np.linalg.norm(here.residual_px, axis=1)
     return Trial(
         remedy=remedy,
         flight=flight,
-        cost=chi_square + widened + far + LEFT_OUT * int(left.sum()),
+        cost=chi_square + widened + _FAR_COST * sum(f**2 for f in far if f > 1) + LEFT_OUT * int(left.sum()),
         chi_square=chi_square,
         freedom=freedom,
         before_px=_median(np.linalg.norm(ready.before_px, axis=1)[~no_pose & ~left]),
@@ -200,8 +200,13 @@ def _judged(
     )
 
 
-def _unknowns(flight: Flight) -> Sequence[Any]:
-    return flight.unknowns
+def how_far(unknown: Unknown, value: float, start: float) -> float:
+    """How far an unknown ended from its start, where 1 is what no such number moves by; 0 for what may move anywhere."""
+    if unknown.unit.name == "deg":
+        return abs(value - start) / _FAR_RAD
+    if unknown.places[0].path[-1] == "focal_px":
+        return abs(math.log(value / start)) / math.log(_FAR_TIMES) if value / start > 0 else _MUCH
+    return 0.0
 
 
 def _without_prior(ready: LeastSquares) -> int:
