@@ -16,7 +16,7 @@ CASES = [
     ("haian", "axes permuted"),
     ("haian", "images 18 s late"),
     ("haian", "a wrong point"),
-    ("songshan", "transposed rotations"),
+    ("tianshan", "convergence of 1.7 deg"),
     ("tianshan", "encoder sign"),
     ("tianshan", "coordinates exchanged"),
     ("tianshan", "encoders 2 s early"),

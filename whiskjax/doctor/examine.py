@@ -89,12 +89,26 @@ def _focus(flight: Flight) -> tuple[Flight, list[str], int]:
             "check point in points.csv"
         )
     available = int(keep.sum())
+    seen = dataclasses.replace(flight, measurements=chosen(flight, keep))
     if available > MOST_OBSERVATIONS:
-        points = np.unique(m.point[keep])
-        some = points[:: int(np.ceil(available / MOST_OBSERVATIONS))]
-        keep &= np.isin(m.point, some)
-        remarks.append(f"{int(keep.sum())} of {available} measurements were looked at, those of every so many points")
-    return dataclasses.replace(flight, measurements=chosen(flight, keep)), remarks, available
+        points = np.unique(seen.measurements.point)
+        some = np.append(points[:: int(np.ceil(available / MOST_OBSERVATIONS))], _worst(seen))
+        seen = dataclasses.replace(seen, measurements=chosen(seen, np.isin(seen.measurements.point, some)))
+        count = len(seen.measurements)
+        remarks.append(
+            f"{count} of {available} measurements were looked at: of every so many points, and of those that fit worst"
+        )
+    return seen, remarks, available
+
+
+def _worst(flight: Flight) -> np.ndarray:
+    """The points (indices) that fit worst in the flight as given, so that none that is wrong is passed over."""
+    tell(f"doctor: all {len(flight.measurements)} measurements, to find those that fit worst")
+    found = attempt(AS_GIVEN, flight, _LAST_STEPS)
+    if isinstance(found, str):
+        return np.zeros(0, dtype=int)
+    cost = np.bincount(flight.measurements.point, loss(found.squared))
+    return np.argsort(-cost)[:_SUSPECTS]
 
 
 def _projected(given: Trial | str, flight: Flight) -> np.ndarray | None:
