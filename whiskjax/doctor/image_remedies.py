@@ -229,9 +229,9 @@ def _in_millimetres(flight: Flight, log_factor: float | None) -> Flight:
 
 
 def _is_spread(flight: Flight) -> bool:
-    """Whether image points lie apart by more than noise; where all lie in the principal point any unit would do."""
+    """Whether image points lie away from the principal point by more than noise; where all lie in it any unit would do."""
     m, sigma = flight.measurements, np.asarray(flight.measurements.sigma_sample_px)
-    return float(np.std(m.sample_px)) > _APART * float(np.median(sigma))
+    return float(np.median(np.abs(m.sample_px - _principal_px(flight)[:, 0]))) > _APART * float(np.median(sigma))
 
 
 def _spread(px: Float[np.ndarray, "n 2"], is_line: bool) -> float:
