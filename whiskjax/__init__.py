@@ -40,6 +40,9 @@ from .chain.trajectory import Trajectory as Trajectory
 from .chain.turn import Encoder as Encoder
 from .chain.turn import Readings as Readings
 from .chain.turn import Turn as Turn
+from .doctor.diagnosis import Diagnosis as Diagnosis
+from .doctor.diagnosis import Finding as Finding
+from .doctor.examine import examine as examine
 from .earth.ellipsoid import ecef_to_geodetic as ecef_to_geodetic
 from .earth.ellipsoid import geodetic_to_ecef as geodetic_to_ecef
 from .earth.frames import enu_rotation as enu_rotation
@@ -195,4 +198,7 @@ __all__ = [
     "Flight",
     "read_flight",
     "write_flight",
+    "examine",
+    "Diagnosis",
+    "Finding",
 ]

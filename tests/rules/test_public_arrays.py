@@ -335,6 +335,7 @@ TAKES = {
     ),
     "read_flight": Takes({}, {}, others="folder"),
     "write_flight": Takes({}, {}, others="flight folder overwrite"),
+    "examine": Takes({}, {}, others="flight told"),
 }
 # Not of `whiskjax` itself, but what a flight is made of.
 PARTS = {
@@ -344,7 +345,7 @@ PARTS = {
 }
 # Answers, which only whiskjax makes; what is to be inherited from; and helpers that take results, not numbers.
 NOT_CALLED = {
-    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location", "Estimate", "Reason"),
+    *("Batch", "Adjustment", "TwoStep", "Calibration", "Comparison", "Location", "Estimate", "Reason", "Diagnosis", "Finding"),
     *(name for name in wj.__all__ if name.startswith("Abstract")),
     *("RESULTS", "FlightError", "SensorError", "WhiskjaxError", "first_failure", "failure_if", "telling"),
 }

@@ -7,6 +7,7 @@ import typer
 
 from .adjust import adjust
 from .calibrate import calibrate
+from .doctor import doctor
 from .locate import locate
 from .reproduce import reproduce
 from .simulate import simulate
@@ -36,5 +37,6 @@ def _options(
 app.command()(calibrate)
 app.command()(locate)
 app.command()(adjust)
+app.command()(doctor)
 app.add_typer(simulate, name="simulate")
 app.add_typer(reproduce, name="reproduce")

@@ -1,6 +1,7 @@
 """Read a flight folder."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from ..earth.world import World
@@ -31,6 +32,16 @@ def read_flight(folder: str | Path) -> Flight:
     """
     require_x64("read_flight")
     need("read_flight", "folder", folder, (str, os.PathLike))
+    flight, place = read_unchecked(folder)
+    check_flight(flight, place)
+    return flight
+
+
+def read_unchecked(folder: str | Path) -> tuple[Flight, Callable[[int], str]]:
+    """A flight as its folder holds it, whether its shots can have imaged its points or not; and where measurements stand.
+
+    **Raises:** as `read_flight`, but not where a point lies behind the camera, beyond the horizon, or outside the record.
+    """
     folder = Path(folder)
     toml = load_flight_toml(folder)
     lat_lon_height = toml.world.origin
@@ -58,5 +69,4 @@ def read_flight(folder: str | Path) -> Flight:
         notes="\n".join([*([toml.notes] if toml.notes else []), *source.left_out]),
     )
     check_names(flight)
-    check_flight(flight, lambda i: f"{table.place(i)} (image {table['image'][i]}, point {table['point'][i]})")
-    return flight
+    return flight, lambda i: f"{table.place(i)} (image {table['image'][i]}, point {table['point'][i]})"

@@ -148,9 +148,18 @@ class Flight:
 
         **Raises:** `FlightError` where the sensor asks for the key and the image has none, or one that the sensor lacks.
         """
+        return self._key_indices([image], key)[0]
+
+    def _key_indices(self, images: Sequence[Image], key: str) -> list[int | None]:
+        """`key_index` of many images: what the sensor asks for is looked up once."""
         names = self.sensor.key_names().get(key)
-        if names is None:
-            return [i.name for i in self.images].index(image.name) if key == "image" else None
+        if names is None and key == "image":
+            place = {known.name: i for i, known in reversed(list(enumerate(self.images)))}
+            return [place[image.name] for image in images]
+        return [None if names is None else self._known_key(image, key, names) for image in images]
+
+    @staticmethod
+    def _known_key(image: Image, key: str, names: tuple[str, ...]) -> int:
         name = image.key(key)
         if name is None:
             raise FlightError(
@@ -166,7 +175,7 @@ class Flight:
         **Raises:** `FlightError` naming the image where a line lies outside its line table.
         """
         image_index = np.asarray(image_index)
-        keys = {key: [self.key_index(image, key) for image in self.images] for key in KEYS}
+        keys = {key: self._key_indices(self.images, key) for key in KEYS}
         picked: dict[str, Any] = {key: np.asarray(v)[image_index] for key, v in keys.items() if v and v[0] is not None}
         if not self.is_line:
             times = [image.time_s for image in self.images]

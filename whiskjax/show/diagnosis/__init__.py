@@ -1,0 +1,1 @@
+"""Diagnoses, told: summary, table, report."""
