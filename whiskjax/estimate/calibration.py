@@ -240,7 +240,7 @@ class Calibration(eqx.Module):
     def _suspects(self) -> Suspects:
         """What was taken as known."""
         seen = self.observations
-        return suspects(self.sensor, seen.shot, seen.point_m, (*self.estimate.places, *self._considered_places))
+        return suspects(self.sensor, seen.shot, seen.point_m, seen.pixel_px, (*self.estimate.places, *self._considered_places))
 
     @property
     def check_log_density(self) -> float:

@@ -13,11 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..algebra.vectors import Vec3, unstack
+from ..algebra.vectors import Vec2, Vec3, unstack
 from ..chain.address import Address, make_room, node_at, read
+from ..chain.camera import AbstractCamera
 from ..chain.free_numbers import free_numbers
 from ..chain.imaging import into_camera
 from ..chain.joints import joint_derivatives
+from ..chain.link import AbstractLink
 from ..chain.parameters import Parameters, passages
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
@@ -27,10 +29,11 @@ from .fitted import VISIBLE, AbstractFitted
 from .unknown import Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
-# are wrong by what moves some pixel by one.
+# are wrong by what moves pixels by one (RMS).
 _USUAL = {"_m": 0.1, "_rad": 1e-3, "_s": 0.01}
-# A coefficient that has to be so large to move a pixel by one acts on nothing that the images hold but their noise.
-_IMPOSSIBLE = 10.0
+# Where a coefficient, or a focal length by such a part, has to change by more to move pixels by one, all points lie so near the
+# principal point that it acts on the noise of their images: it would be found in that noise.
+_LARGEST, _LARGEST_PART = 0.1, 0.005
 
 
 class Suspects(NamedTuple):
@@ -75,11 +78,13 @@ def tested(fit: AbstractFitted, of: Suspects) -> Suspicions:
     return Suspicions(sigmas, chance, sigmas / root, np.where(seen, 1 / root, np.inf), taken, like)
 
 
-def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tuple[tuple[Address, ...], ...]) -> Suspects:
+def suspects(
+    sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], pixel_px: Float[Any, "n 2"], known: tuple[tuple[Address, ...], ...]
+) -> Suspects:
     """All numbers that nobody estimated or considered.
 
-    **Arguments:** `sensor`: with the solution put in; `point_m`: where each ray meets its point, world frame; `known`: the places
-    of the numbers that somebody did.
+    **Arguments:** `sensor`: with the solution put in; `point_m`: where each ray meets its point, world frame; `pixel_px`: where
+    it was measured; `known`: the places of the numbers that somebody did.
     """
     taken = {place for of in known for place in of}
     places = tuple(place for place in free_numbers(sensor) if place not in taken)
@@ -88,21 +93,28 @@ def suspects(sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], known: tupl
     k = len(places)
     names = tuple(place.text for place in places)
     numbers = Parameters(jnp.zeros(k), jnp.ones(k), jnp.zeros((k, k)), names, tuple((place,) for place in places))
-    x, y, motion = (np.asarray(part) for part in _swept(sensor, shot, unstack(on_device(np.asarray(point_m))), numbers))
+    point, pixel = (unstack(on_device(np.asarray(of, dtype=float))) for of in (point_m, pixel_px))
+    x, y, motion = (np.asarray(part) for part in _swept(sensor, shot, point, pixel, numbers))
     columns = np.stack([x, y], axis=-1)
     kinked = [i for i, place in enumerate(places) if place.path[-1] in getattr(_owner(sensor, place), "kinks", ())]
     if kinked:
         columns[kinked] = _across(sensor, shot, point_m, tuple(places[i] for i in kinked))
-    most = np.abs(columns).max(axis=(1, 2), initial=0.0)
-    usual = np.array([_usual(place, float(m)) for place, m in zip(places, most, strict=True)])
-    is_pure = np.array([unit_of(place).name == "1" for place in places])
-    usual = np.where(is_pure & (usual > _IMPOSSIBLE), 0.0, usual)
+    length = np.sqrt((columns**2).sum(axis=2).mean(axis=1))
+    usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
+    most_usual = np.array([_largest(sensor, place) for place in places])
+    usual = np.where(usual > most_usual, 0.0, usual)
     return Suspects(names, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
 
 
 def _owner(sensor: Sensor, place: Address) -> Any:
     """The part that has the number."""
     return node_at(sensor, place._replace(path=place.path[:-1]))
+
+
+def _spacing_s(link: AbstractLink) -> float:
+    """Of the samples of its record."""
+    time_s: Any = np.asarray(link.recorded[0].knots.time_s)
+    return float(np.median(np.diff(time_s)))
 
 
 def _across(
@@ -113,7 +125,7 @@ def _across(
     Their derivative is the slope between two samples, whose errors are those of the pose itself: so noise of the record would
     look like a delay. Of white errors this difference has none in common with the pose.
     """
-    step_s = np.array([np.median(np.diff(np.asarray(_owner(sensor, p).recorded[0].knots.time_s))) for p in places])
+    step_s = np.array([_spacing_s(_owner(sensor, p)) for p in places])
     now, k = np.array([float(np.asarray(read(sensor, place))) for place in places]), len(places)
     names, of = tuple(place.text for place in places), tuple((place,) for place in places)
     numbers = Parameters(jnp.asarray(now), jnp.asarray(step_s), jnp.zeros((k, k)), names, of)
@@ -122,15 +134,30 @@ def _across(
     return (pixel[:k] - pixel[k:]) / (2 * step_s[:, None, None])
 
 
-def _usual(place: Address, most_px: float) -> float:
+def _largest(sensor: Sensor, place: Address) -> float:
+    """The largest error that is looked for."""
+    if place.path[-1] == "focal_px":
+        return _LARGEST_PART * abs(float(np.asarray(read(sensor, place))))
+    return _LARGEST if unit_of(place).name == "1" else math.inf
+
+
+def _usual(place: Address, length_px: float) -> float:
     given = next((size for suffix, size in _USUAL.items() if place.path[-1].endswith(suffix)), None)
-    return given if given is not None else 1 / most_px if most_px > 0 else 0.0
+    return given if given is not None else 1 / length_px if length_px > 0 else 0.0
 
 
-def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, numbers: Parameters) -> tuple[Array, Array, Array]:
-    """By each number, (k, n) of x and of y, and by the six motions of the outermost frame, (n, 2, 6)."""
+def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, Array, Array]:
+    """By each number, (k, n) of x and of y, and by the six motions of the outermost frame, (n, 2, 6).
+
+    By numbers of the camera where a ray was measured, not where it is projected: there the errors of the poses are in the place,
+    and residuals would be explained by themselves. Across a detector line the measured offset is noise, and the line is taken.
+    """
     found = once(lambda: joint_derivatives(sensor, shot, point))
     met = passages(sensor, point, found, numbers.links)
+    if "camera" in met:
+        camera = sensor.camera_at(shot)
+        measured = (pixel[0], jnp.zeros_like(pixel[0])) if camera.is_line else pixel
+        met["camera"] = met["camera"]._replace(outer=once(lambda: _seen_at(camera, measured, found.points[sensor.names[-1]])))
     n = point[0].shape[0]
     x, y = jnp.zeros((len(numbers), n)), jnp.zeros((len(numbers), n))
     for part in numbers.columns(sensor, shot, met):
@@ -143,6 +170,14 @@ def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, numbers: Parameters) -
     six = [found.follows(outermost, unit_motion(axis)) for axis in range(6)]
     rows = [jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1) for of in zip(*six, strict=True)]
     return x, y, jnp.stack(rows, -2)
+
+
+def _seen_at(camera: AbstractCamera, pixel: Vec2, like: Vec3) -> Vec3:
+    """The direction of a pixel in the camera frame; where there is none, that of the point."""
+    direction = camera.direction(pixel)
+    there = jnp.isfinite(sum(jnp.asarray(c, dtype=float) for c in direction))
+    x, y, z = (jnp.where(there, d, p) for d, p in zip(direction, like, strict=True))
+    return x, y, z
 
 
 def _all_pixels(
@@ -159,4 +194,4 @@ def _all_pixels(
 
 
 _pixels: Callable[..., Any] = compiled(_all_pixels, lambda sensor, shot, point, numbers, u: point[0].size)
-_swept: Callable[..., Any] = compiled(_all_columns, lambda sensor, shot, point, numbers: point[0].size)
+_swept: Callable[..., Any] = compiled(_all_columns, lambda sensor, shot, point, pixel, numbers: point[0].size)

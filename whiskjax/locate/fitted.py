@@ -44,11 +44,11 @@ class Residuals(eqx.Module):
 
     def fitted(self) -> Dense:
         """For the checks."""
-        known = [np.asarray(part) for part in (self.white, self.rows, self.information, self.pull)]
-        part = (known[1] != 0).any(axis=(1, 2))
+        white, rows, information, pull = (np.asarray(part) for part in (self.white, self.rows, self.information, self.pull))
+        part = (rows != 0).any(axis=(1, 2))
 
         def whitener(pattern_px: Any) -> Any:
             columns = pattern_px / np.asarray(self.sigma_px)[:, :, None]
             return np.asarray(whitened(self.noise, self.effects, self.keep, jnp.asarray(part), jnp.asarray(columns)))
 
-        return Dense(*known, whitener)
+        return Dense(white, rows, information, pull, whitener)

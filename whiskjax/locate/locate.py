@@ -210,6 +210,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         _time_s=problem.looks.shot.time_s,
         _residuals=Residuals.of(model, prior, found),
         _sensor=problem.sensor,
+        _pixel_px=jnp.nan_to_num(problem.looks.pixel_px),
         _shot=problem.looks.shot,
         is_estimated=tuple(share == 1 for share in model.nuisance.share),
         kinks=kinks(problem.sensor, numbers),

@@ -235,7 +235,7 @@ class Adjustment(eqx.Module):
         """What was taken as known."""
         point = np.asarray(self.point_m)
         point = np.where(np.isfinite(point), point, point[np.isfinite(point).all(axis=1)][0])
-        return suspects(self.sensor, self.block.shots(), point[self.block.point], self.estimate.places)
+        return suspects(self.sensor, self.block.shots(), point[self.block.point], self.block.pixel_px, self.estimate.places)
 
     @cached_property
     def _fitted(self) -> BlockFitted:
@@ -246,7 +246,7 @@ class Adjustment(eqx.Module):
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks for and against the block, failures first."""
         rests = "the priors" if self.motions is None else "POS" if self.motions.observed else "nothing"
-        rays = Rays(self.block, np.asarray(self.used), np.asarray(self.residual_px), rests, self.left_out)
+        rays = Rays(self.block, np.asarray(self.used), rests, self.left_out)
         return by_weight([*judged(CHECKS, self.evidence), *judged(BLOCK_CHECKS, rays)])
 
     @property

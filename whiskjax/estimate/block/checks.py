@@ -4,14 +4,11 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from ...rules import arrays_of, plain
 from ..reason import CAUTION, Check, Figures, Said, graded, several
 from .block import Block
 from .connect import connections
-
-_LARGE = 6.0  # sigmas
 
 
 class Rays(NamedTuple):
@@ -20,7 +17,6 @@ class Rays(NamedTuple):
 
     block: Block
     used: Bool[Any, " rays"]
-    residual_px: Float[Any, "rays 2"]
     datum: str
     alone: tuple[str, ...]
 
@@ -55,21 +51,9 @@ def _say_parted(_: dict[str, Any], rays: Rays) -> Iterable[Said]:
     yield f"no point ties {several(small)} to the other images: only POS and control hold them together", {"images": small}
 
 
-def _largest(rays: Rays) -> Figures:
-    used, math = rays.used, arrays_of((rays.residual_px, rays.used))
-    squared = math.nan_to_num(math.where(used[:, None], (rays.residual_px / plain(rays.block.sigma_px)) ** 2, 0.0)).max(axis=1)
-    return graded(CAUTION, squared.max() > _LARGE**2), {"ray": squared.argmax(), "sigmas": math.sqrt(squared.max())}
-
-
-def _say_largest(found: dict[str, Any], rays: Rays) -> Iterable[Said]:
-    label, sigmas = rays.block.ray_label(int(found["ray"])), float(found["sigmas"])
-    yield f"the largest residual, {sigmas:.1f} sigma, is that of {label}", {"measurement": label, "sigmas": sigmas}
-
-
 # What only a block can be asked.
 BLOCK_CHECKS = (
     Check("datum", _datum, _say_datum),
     Check("points seen once", _lonely, _say_lonely),
     Check("parts", _parted, _say_parted),
-    Check("largest residual", _largest, _say_largest),
 )
