@@ -198,6 +198,8 @@ class Adjustment(eqx.Module):
         candidate = ~seen_once(block)[block.point]
         names = block.images or tuple(map(str, block.key("image") if block.key("image") is not None else ("",) * len(block)))
         factor, tail, _ = consistency(at.cost, at.freedom)
+        matrix = at._solved.reduced.matrix
+        is_finite = traced or bool(np.isfinite(matrix).all())
         measured = Seen(
             candidate=candidate,
             used=at.used,
@@ -217,7 +219,7 @@ class Adjustment(eqx.Module):
             estimated=np.ones(len(at.unknowns), dtype=bool),
             shift=math.where(math.asarray(others.has_prior), at._solved.state.u, math.nan),
             scale=plain(others.scale),
-            rows=data_rows(at._solved.reduced.matrix, at._solved.state.x.size, others.information),
+            rows=data_rows(matrix, at._solved.state.x.size, others.information) if is_finite else None,
             variance_factor=factor,
             freedom=at.freedom,
             tail=tail,
