@@ -10,7 +10,7 @@ import scipy.stats
 
 import whiskjax as wj
 from tests.estimate.textbooks import Stations
-from whiskjax.estimate.check_points import check_test, joint_chi_square
+from whiskjax.estimate.check_points import Shift, check_test, common_shift, joint_chi_square
 from whiskjax.estimate.variance_components import Components
 from whiskjax.flights import haian
 
@@ -25,10 +25,33 @@ def test_the_joint_chi_square_is_that_of_the_dense_covariance():
     assert math.isnan(joint_chi_square(np.append(v[1:], np.nan), b))
 
 
+def test_the_common_shift_is_that_of_generalised_least_squares():
+    rng = np.random.default_rng(3)
+    v, b, by = rng.normal(size=40), 3 * rng.normal(size=(40, 5)), rng.normal(size=(40, 3))
+    inverse = np.linalg.inv(np.eye(40) + b @ b.T)
+    size = np.linalg.solve(by.T @ inverse @ by, by.T @ inverse @ v)
+    found = common_shift(v, b, by)
+    np.testing.assert_allclose(found.shift_m, size, rtol=1e-9)
+    left = v - by @ size
+    assert found.chi_square == pytest.approx(v @ inverse @ v - left @ inverse @ left, rel=1e-9)
+
+
+def test_control_that_is_elsewhere_is_told_by_the_shift_of_the_check_points():
+    """Control 1 m east, check points right: hundreds of differences hide what three numbers tell, in metres."""
+    flight = haian.simulate(3)
+    seen = flight.observations()
+    east = np.array([-np.sin(haian.LON_RAD), np.cos(haian.LON_RAD), 0.0])
+    moved = dataclasses.replace(seen, point_m=seen.point_m + np.where(seen.is_control[:, None], 1.0, 0.0) * east)
+    clean, found = (wj.calibrate(flight.sensor, of, flight.unknowns, errors=flight.errors).fit.check for of in (seen, moved))
+    assert clean.shift_tail > 1e-3 and found.shift_tail < 1e-4 and not found.agrees
+    # Check points have to follow the control points.
+    assert np.dot(np.array(found.shift_m) - clean.shift_m, east) == pytest.approx(1.0, abs=0.4)
+
+
 @pytest.mark.parametrize("chi_square", [30.0, 78.0, 90.0])
 def test_the_tail_is_chi_squares_and_the_worst_are_named(chi_square):
-    found = check_test(chi_square, np.array([1.0, 16.0, 0.5, 9.0]), 10, lambda i: f"P{i}")
-    assert found.freedom == 40
+    found = check_test(chi_square, np.array([1.0, 16.0, 0.5, 9.0]), 10, lambda i: f"P{i}", Shift(1.0, np.zeros(3)))
+    assert found.freedom == 40 and found.shift_tail == pytest.approx(scipy.stats.chi2(3).sf(1.0), rel=1e-9)
     assert found.tail_probability == pytest.approx(scipy.stats.chi2(40).sf(chi_square), rel=1e-9)
     assert found.agrees == (scipy.stats.chi2(40).isf(1e-4) > chi_square)
     assert found.worst == ("P1", "P3", "P0") and found.worst_sigmas == (4.0, 3.0, 1.0)

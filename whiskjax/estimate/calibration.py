@@ -13,7 +13,7 @@ from ..chain.detector import lies_beside
 from ..chain.parameters import Places
 from ..chain.sensor import Sensor
 from ..rules import RESULTS, arrays_of
-from .check_points import UNTESTED, CheckTest, check_test, joint_chi_square
+from .check_points import UNTESTED, CheckTest, check_test, common_shift, joint_chi_square
 from .checks import CHECKS
 from .estimate import Estimate
 from .evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
@@ -207,9 +207,14 @@ class Calibration(eqx.Module):
         difference, spread = of.whitened[index], common[index]
         covariance = np.eye(2) + of.left[index] + spread @ spread.swapaxes(1, 2)
         own = np.einsum("ni,ni->n", difference, np.linalg.solve(covariance, difference[:, :, None])[..., 0])
-        difference, spread = of_common_points(ready, share, index, difference, spread)
-        together = joint_chi_square(difference.ravel(), spread.reshape(2 * len(index), -1))
-        return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])))
+        # A point that lies elsewhere is imaged elsewhere, by the derivative of the pixel.
+        by_shift = triangles(of.weight)[index] @ ready.follows[index]
+        both = np.concatenate([spread, by_shift], axis=2)
+        difference, both = of_common_points(ready, share, index, difference, both)
+        flat, spread = difference.ravel(), both[:, :, :-3].reshape(2 * len(index), -1)
+        shift = common_shift(flat, spread, both[:, :, -3:].reshape(-1, 3))
+        together = joint_chi_square(flat, spread)
+        return check_test(together, own, 2, lambda i: ready.observations.label(int(index[i])), shift)
 
     @cached_property
     def reliability(self) -> Reliability:

@@ -80,8 +80,8 @@ AGREEMENT = Check("consistency", _agreement, _say_agreement)
 def _checked(e: Evidence) -> Figures:
     if e.check is None:
         return np.asarray(FINE), {}
-    tail = e.check.tail_probability
-    return graded(FAILURE, not tail > UNLIKELY, NOTE), {"chi_square": e.check.chi_square, "tail_probability": tail}
+    figures = {"chi_square": e.check.chi_square, "tail_probability": e.check.tail_probability, "shift_tail": e.check.shift_tail}
+    return graded(FAILURE, not e.check.agrees, NOTE), figures
 
 
 def _say_checked(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
@@ -101,10 +101,14 @@ def _say_checked(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
         return
     pairs = list(zip(e.check.worst, e.check.worst_sigmas, strict=True))
     worst = ", ".join(f"{name} ({sigmas:.3g} sigma)" for name, sigmas in pairs)
+    shifted = ""
+    if e.check.shift_tail <= UNLIKELY:
+        x, y, z = e.check.shift_m
+        shifted = f"; a shift of all of them by {x:+.3g}, {y:+.3g}, {z:+.3g} m (world frame) would explain the most of it"
     yield (
         f"the check points contradict the answer: their differences are {times} (probability: {probability(tail)}); the worst "
-        f"are {worst}",
-        figures | {"points": dict(pairs)},
+        f"are {worst}{shifted}",
+        figures | {"points": dict(pairs), "shift_m": list(e.check.shift_m)},
     )
 
 

@@ -65,6 +65,17 @@ def test_a_contradiction_is_heard_whatever_is_asked(which, by_m, how):
         assert found.check.worst[0] == "point P5"
 
 
+def test_a_shift_of_all_check_points_is_told_in_metres(clean):
+    """Given coordinates 0.3 m off are 0.3 m from where they fit, whatever they were off before."""
+    sensor, block = checked_frames(0)
+    off = np.array([0.3, -0.1, 0.2])
+    moved = dataclasses.replace(block, position_m=block.position_m + np.where(block.role == "check", 1.0, 0.0)[:, None] * off)
+    found = wj.adjust(sensor, moved, errors=POS).check
+    np.testing.assert_allclose(np.array(found.shift_m) - clean[0].check.shift_m, -off, atol=1e-6)
+    assert clean[0].check.shift_tail > 1e-4 > found.shift_tail
+    assert found.chi_square >= clean[0].check.chi_square
+
+
 def test_without_check_points_nothing_is_tested(clean):
     sensor, block = checked_frames(0)
     tied = dataclasses.replace(block, role=np.where(block.role == "check", "tie", block.role))
