@@ -22,7 +22,7 @@ from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, probab
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
 _SMALL = 0.2  # of a sigma: residuals below that do no harm however they hang together
-_DEGREES = 3  # of polynomials
+_DEGREES, _LAGS = 3, 3  # of polynomials; neighbours on either side
 _CONTROLLED = 0.05  # of a measurement's redundancy: below it the others do not control it (Baarda), and it is not tested
 _AXES = ("sample", "line")
 
@@ -139,27 +139,37 @@ BENT = Check("a curve in the residuals", _bent, _say_bent)
 
 
 def _wandering(e: Evidence) -> Figures:
-    """Correlation of each residual with the next, along time and over the image."""
+    """Correlation of each residual with the next ones, along time and over the image."""
     if e.fit is None or e.seen is None or not (found := _courses(e.seen, e.fit)):
         return np.asarray(FINE), {}
     tail, correlation, apart = (np.array(of) for of in zip(*(_neighbours(e.fit, v, m) for _, v, m in found), strict=True))
-    bad = (2 * len(found) * tail < FAMILY) & (np.sqrt((1 + correlation) / np.maximum(1 - correlation, 1e-3)) > _STRETCHES)
+    bad = (tail.size * tail < FAMILY) & (_inflation(correlation) > _STRETCHES)
     return graded(FAILURE, bad.any()), {"bad": bad, "correlation": correlation, "apart": apart}
 
 
 def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[float], list[float], float]:
-    """Of each axis the chance of so much correlation between neighbours, the correlation, and how far these are apart.
+    """Of each axis and of both the chance of so much correlation of neighbours, its size, and how far these are apart.
 
-    Products of independent residuals have the mean 0 and the variance 1; the fit makes their mean a little negative.
+    Products of independent residuals have the mean 0 and the variance 1, whichever pairs they are made of; the fit makes their
+    mean a little negative. What lasts shows between the next ones too: their products are added.
     """
     index = np.flatnonzero(members)[np.argsort(value[members], kind="stable")]
     scale = np.sqrt(np.maximum(np.einsum("naa->na", fit.left[index]), 1e-6))
     r = fit.residual[index] / scale
     r = r / np.maximum(np.sqrt((r**2).mean(axis=0)), _SMALL)
-    product = (r[1:] * r[:-1]).sum(axis=0)
-    z = product / math.sqrt(len(index) - 1)
+    by_lag = np.array([(r[lag:] * r[:-lag]).sum(axis=0) for lag in range(1, _LAGS + 1)])
+    pairs = sum(len(index) - lag for lag in range(1, _LAGS + 1))
+    x, y = by_lag.sum(axis=0) / math.sqrt(pairs)
+    z = (x, y, (x + y) / math.sqrt(2))
+    first, second = by_lag[0] / (len(index) - 1)
     tail = [0.5 * math.erfc(float(each) / math.sqrt(2)) for each in z]
-    return tail, (product / (len(index) - 1)).tolist(), float(np.median(np.diff(value[index])))
+    return tail, [first, second, (first + second) / 2], float(np.median(np.diff(value[index])))
+
+
+def _inflation(correlation: Any) -> Any:
+    """How much too small sigmas are where neighbours are correlated so, and farther ones by its powers."""
+    rho = np.clip(correlation, -0.99, 0.99)
+    return np.sqrt((1 + rho) / (1 - rho))
 
 
 def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
@@ -168,17 +178,19 @@ def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     rho = np.where(found["bad"], found["correlation"], -1.0)
     course, axis = np.unravel_index(int(rho.argmax()), rho.shape)
     most, name, apart = float(rho.max()), names[course], float(found["apart"][course])
-    memory_s = apart / -math.log(min(most, 0.99)) if name == "time" else None
-    cure = (
-        ""
-        if memory_s is None
-        else (f"; state them: errors=[FrameErrors(frame, turn sigmas, shift sigmas, correlation_s={memory_s:.2g})]")
-    )
-    less = math.sqrt((1 + most) / (1 - min(most, 0.99)))
+    figures: dict[str, Any] = {"along": name, "correlation": most}
+    cure = ""
+    if name == "time" and e.suspects is not None:
+        figures |= {"frame": e.suspects.frame, "correlation_s": apart / -math.log(min(most, 0.99))}
+        cure = (
+            f'; state them: errors=[FrameErrors("{e.suspects.frame}", turn_sigma_rad, shift_sigma_m, '
+            f"correlation_s={figures['correlation_s']:.2g})]"
+        )
+    which = ("of the sample", "of the line", "of both coordinates")[axis]
     yield (
-        f"neighbours along {name} err alike (correlation {most:.2f} of the {_AXES[axis]}): there are fewer independent "
-        f"{e.words.noun} than counted, and sigmas come out too small by {less:.2g}{cure}",
-        {"along": name, "correlation": most, "correlation_s": memory_s},
+        f"neighbours along {name} err alike (correlation {most:.2f} {which}): there are fewer independent {e.words.noun} than "
+        f"counted, and sigmas come out too small by {float(_inflation(most)):.2g}{cure}",
+        figures,
     )
 
 

@@ -39,10 +39,11 @@ _LARGEST, _LARGEST_PART = 0.1, 0.005
 class Suspects(NamedTuple):
     """Columns of pixels, (n, 2, k), by one inner unit of each number; `usual` is how large an error of it is in practice.
 
-    `motion`: by a turn (rad) and a shift (m) of the frame of the record, (n, 2, 6).
+    `motion`: by a turn (rad) and a shift (m) of the frame of the record, `frame`, (n, 2, 6).
     """
 
     names: tuple[str, ...]
+    frame: str
     units: tuple[Unit, ...]
     usual: Float[np.ndarray, " k"]
     columns_px: Float[np.ndarray, "n 2 k"]
@@ -103,7 +104,7 @@ def suspects(
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
     most_usual = np.array([_largest(sensor, place) for place in places])
     usual = np.where(usual > most_usual, 0.0, usual)
-    return Suspects(names, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
+    return Suspects(names, sensor.names[0], tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
 
 
 def _owner(sensor: Sensor, place: Address) -> Any:
