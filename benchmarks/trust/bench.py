@@ -8,8 +8,9 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from itertools import repeat
 from pathlib import Path
 
@@ -26,19 +27,26 @@ SHORT_SEEDS, SHORT_CLEAN = 1, 2
 _PROCESSES = 2
 
 
-def rows_of(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
-    """The rows of these ways, in this process.
+def rows_of(ways: Sequence[Way], seeds: int, clean: int) -> Iterator[Row]:
+    """The rows of these ways, one after the other, in this process.
 
     **Arguments:** `seeds`: of each way; `clean`: of clean data of the scene itself, and at most `OTHER_CLEAN` of its variants.
     """
     jax.config.update("jax_enable_x64", True)
-    bench, rows = Bench(), []
     for way in ways:
-        start = time.perf_counter()
-        count = seeds if way.kind != "clean" else clean if way.name == "clean" else min(clean, OTHER_CLEAN)
-        rows.append(bench.row(way, range(count)))
-        print(f"{way.verb}: {way.name}, {count} runs, {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
-    return rows
+        yield _bench().row(way, range(_count(way, seeds, clean)))
+
+
+def _count(way: Way, seeds: int, clean: int) -> int:
+    if way.kind != "clean":
+        return seeds
+    return clean if way.name == "clean" else min(clean, OTHER_CLEAN)
+
+
+@cache
+def _bench() -> Bench:
+    """One for each process, which keeps what was answered to data that are not spoiled."""
+    return Bench()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -55,27 +63,26 @@ def main(arguments: Sequence[str]) -> int:
     seeds = options.seeds or (SHORT_SEEDS if options.short else SEEDS)
     clean = options.clean or (SHORT_CLEAN if options.short else CLEAN)
     ways = chosen(options.verb, options.way, options.short)
-    start = time.perf_counter()
-    rows = (rows_of if options.short else _in_processes)(ways, seeds, clean)
+    start, rows = time.perf_counter(), []
+    for row in (rows_of if options.short else _in_processes)(ways, seeds, clean):
+        rows.append(row)
+        print(f"{time.perf_counter() - start:.0f} s, {row.way.verb}: {row.way.name}", file=sys.stderr, flush=True)
+        if options.out is not None:  # of a run that is cut short, what was found
+            write(rows, options.out)
     print(page(rows) if options.page is None else table(rows))
     print(f"{sum(len(row.runs) for row in rows)} runs, {time.perf_counter() - start:.0f} s")
     if options.page is not None:
         options.page.write_text(page(rows), encoding="utf-8")
-    if options.out is not None:
-        write(rows, options.out)
     return int(any(row.way.kind == "scored" and row.share("fooled") > 0 for row in rows))
 
 
-def _in_processes(ways: Sequence[Way], seeds: int, clean: int) -> list[Row]:
-    """The same rows, verb by verb, every other one by another process."""
-    of = [[way for way in ways if way.verb == verb] for verb in CATALOGUE]
-    shares = [mine[part::_PROCESSES] for mine in of for part in range(_PROCESSES)]
-    asked = [[(way.verb, way.name) for way in share] for share in shares if share]
+def _in_processes(ways: Sequence[Way], seeds: int, clean: int) -> Iterator[Row]:
+    """The same rows, of which each process takes the next as soon as it has done one."""
+    asked = [(way.verb, way.name) for way in ways]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(_PROCESSES, spawn, initializer=_use, initargs=(CORES,)) as pool:
-        found = list(pool.map(_runs_of, asked, repeat(seeds), repeat(clean)))
-    told = {key: runs for keys, of in zip(asked, found, strict=True) for key, runs in zip(keys, of, strict=True)}
-    return [Row(way, *told[way.verb, way.name]) for way in ways]
+        for way, found in zip(ways, pool.map(_runs_of, asked, repeat(seeds), repeat(clean)), strict=True):
+            yield Row(way, *found)
 
 
 def _use(cores: set[int]) -> None:
@@ -84,7 +91,8 @@ def _use(cores: set[int]) -> None:
         os.sched_setaffinity(0, cores)
 
 
-def _runs_of(asked: Sequence[tuple[str, str]], seeds: int, clean: int) -> list[tuple[tuple[str, ...], tuple[Run, ...]]]:
-    """Names of unknowns and runs of ways, told by verb and name: ways are functions, and stay where they are."""
-    known = {(way.verb, way.name): way for way in chosen(list(CATALOGUE), [])}
-    return [(row.names, row.runs) for row in rows_of([known[key] for key in asked], seeds, clean)]
+def _runs_of(asked: tuple[str, str], seeds: int, clean: int) -> tuple[tuple[str, ...], tuple[Run, ...]]:
+    """Names of unknowns and runs of a way, told by verb and name: ways are functions, and stay where they are."""
+    (way,) = (way for way in CATALOGUE[asked[0]] if way.name == asked[1])
+    (row,) = rows_of([way], seeds, clean)
+    return row.names, row.runs

@@ -226,7 +226,7 @@ NOTICED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", CATALOGUE)
 def test_what_is_noticed_today_stays_noticed(verb):
-    rows = rows_of(chosen([verb], NOTICED[verb]), 2, 2)
+    rows = list(rows_of(chosen([verb], NOTICED[verb]), 2, 2))
     scored = [row for row in rows if row.way.kind == "scored" and "snooped" not in row.way.name]
     assert scored
     for row in scored:
