@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 import whiskjax as wj
 
+from .score import misfit_of
 from .way import Judged
 
 STRIPS, PER_STRIP, CENTRE_PX, FOCAL_PX = 3, 4, np.array([2000.0, 1500.0]), 3000.0
@@ -168,8 +169,7 @@ class Blocks:
 
     def misfit(self, case: Case) -> float:
         answer = self.answer(dataclasses.replace(case, reweigh=None, blunders=None))
-        total = float(answer.cost) + answer.check.chi_square
-        return total if np.isfinite(total) else float("inf")
+        return misfit_of(answer.result, float(answer.cost) + answer.check.chi_square)
 
 
 def _worst_point(answer: wj.Adjustment, case: Case) -> float:

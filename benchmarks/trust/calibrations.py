@@ -12,7 +12,7 @@ import numpy as np
 import whiskjax as wj
 from whiskjax.flights import haian
 
-from .score import ground_chi_square
+from .score import ground_chi_square, misfit_of
 from .way import Judged
 
 IMAGES = tuple(haian.SCENES)
@@ -127,8 +127,7 @@ class Calibrations:
 
     def misfit(self, case: Case) -> float:
         answer = self.answer(dataclasses.replace(case, reweigh=None, blunders=None))
-        total = float(answer.estimate.cost) + answer.fit.check.chi_square
-        return total if np.isfinite(total) else float("inf")
+        return misfit_of(answer.result, float(answer.estimate.cost) + answer.fit.check.chi_square)
 
 
 @eqx.filter_jit

@@ -52,6 +52,11 @@ def ground_chi_square(difference_m: np.ndarray, by_unknowns: np.ndarray, covaria
     return float((((difference_m @ along)[seen] / length[seen]) ** 2).sum()), int(seen.sum())
 
 
+def misfit_of(result: wj.RESULTS, chi_square: float) -> float:
+    """The chi-square of a fit to exact data; infinite where there is no fit: of what was left out it tells nothing."""
+    return chi_square if bool(result == wj.RESULTS.successful) and np.isfinite(chi_square) else float("inf")
+
+
 def names_in(figures: Any) -> Iterable[str]:
     """Every text among keys and values, however deep; looks given by number as they are labelled."""
     if isinstance(figures, str):

@@ -10,6 +10,7 @@ import numpy as np
 import whiskjax as wj
 from whiskjax.flights import tianshan
 
+from .score import misfit_of
 from .way import Judged
 
 LOOKS = 40
@@ -126,8 +127,8 @@ class Targets:
         return Judged(answer.reasons, NAMES, each, float(error @ np.linalg.solve(spread, error)), 3)
 
     def misfit(self, case: Case) -> float:
-        total = float(self.answer(dataclasses.replace(case, gate=None), "batch").chi_square)
-        return total if np.isfinite(total) else float("inf")
+        answer = self.answer(dataclasses.replace(case, gate=None), "batch")
+        return misfit_of(answer.result, float(answer.chi_square))
 
 
 def _indexed(case: Case) -> Case:
