@@ -88,7 +88,8 @@ def test_the_paper_s_filter_is_unsound_and_says_why(run):
     assert found.tail_probability < 1e-4
     assert any("errors of the recorded poses are missing" in said for said in found.warnings)
     honest = run.locate(method="extended", errors=tianshan.frame_errors(), throw=False)
-    assert honest.is_sound and honest.warnings == ()
+    # What can be said of any gimbal whose zeros nobody estimates is the only thing left to say.
+    assert honest.is_sound and {one.kind for one in honest.reasons if one.grade != "note"} == {"silent errors"}
     np.testing.assert_allclose(honest.tail_probability, stats.chi2.sf(float(honest.chi_square), 80), rtol=1e-6)
 
 

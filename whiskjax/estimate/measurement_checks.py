@@ -71,13 +71,13 @@ def _copies(e: Evidence) -> Figures:
     if (seen := e.seen) is None:
         return np.asarray(FINE), {}
     math_ = arrays_of((seen.record, seen.used))
-    order, copies = math_.lexsort((seen.record[:, -1], ~seen.used)), False
+    order = math_.lexsort((seen.record[:, -1], ~seen.used))
+    copies = math_.zeros(len(order), dtype=bool)
     rows, used = seen.record[order], seen.used[order]
     for away in range(1, min(_BESIDE, len(rows))):
         same = (abs(rows[away:] - rows[:-away]) < 1).all(axis=1) & used[away:]
         copies = copies | math_.concatenate([np.zeros(away, dtype=bool), same])
-    index = math_.zeros(len(order), dtype=bool)
-    count, whole = math_.asarray(copies + index).sum(dtype=float), seen.used.sum(dtype=float)
+    count, whole = copies.sum(dtype=float), seen.used.sum(dtype=float)
     return graded(FAILURE, count > _MANY * whole, graded(CAUTION, count > 0)), {"copies": count, "of": whole}
 
 
@@ -87,8 +87,9 @@ def _say_copies(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     index = index[np.argsort(seen.record[index, -1], kind="stable")]
     rows, copied = seen.record[index], np.zeros(len(index), dtype=bool)
     times: dict[int, int] = {}
+    ends = np.searchsorted(rows[:, -1], rows[:, -1] + 1)
     for i, row in enumerate(rows):
-        like = i + 1 + np.flatnonzero((abs(rows[i + 1 : i + _BESIDE] - row) < 1).all(axis=1)) if not copied[i] else []
+        like = i + 1 + np.flatnonzero((abs(rows[i + 1 : ends[i]] - row) < 1).all(axis=1)) if not copied[i] else []
         copied[like] = True
         if len(like):
             times[int(index[i])] = 1 + len(like)

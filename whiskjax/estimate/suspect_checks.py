@@ -63,7 +63,8 @@ def _silent(e: Evidence) -> Figures:
 def _say_silent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.suspects is not None
     of = e.suspects
-    order = [int(i) for i in np.argsort(-found["silent"])[:_SILENT] if found["silent"][i] > 0]
+    told = np.array([float(f"{moves:.3g}") for moves in found["silent"]])  # what is the same to people stays in its order
+    order = [int(i) for i in np.argsort(-told, kind="stable")[:_SILENT] if told[i] > 0]
     parts = [
         f"{of.usual[i] * of.units[i].factor:.2g} {of.units[i].name} of {of.names[i]} by {found['silent'][i]:.2g} sigma"
         for i in order
