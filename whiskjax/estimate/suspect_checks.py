@@ -63,7 +63,7 @@ def _silent(e: Evidence) -> Figures:
 def _say_silent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.suspects is not None
     of = e.suspects
-    told = np.array([float(f"{moves:.3g}") for moves in found["silent"]])  # what is the same to people stays in its order
+    told = np.array([float(f"{moves:.2g}") for moves in found["silent"]])  # as it is told: what is the same stays in its order
     order = [int(i) for i in np.argsort(-told, kind="stable")[:_SILENT] if told[i] > 0]
     parts = [
         f"{of.usual[i] * of.units[i].factor:.2g} {of.units[i].name} of {of.names[i]} by {found['silent'][i]:.2g} sigma"
