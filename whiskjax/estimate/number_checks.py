@@ -10,7 +10,7 @@ from ..rules import arrays_of
 from .evidence import Evidence
 from .model_test import FAMILY, chi_square_bound
 from .posterior import directions, rank_of
-from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, several
+from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
 
 PRIOR_ONLY = 0.05  # of the prior variance: data that took less of it away said nothing new
 CORRELATED, INSEPARABLE = 0.9, 0.95
@@ -92,7 +92,7 @@ def _say_far(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     if wrong.size:
         of = {names[i]: float(found["shift"][i]) for i in wrong}
         parts = ", ".join(
-            f"{names[i]} (by {abs(of[names[i]]):.3g} prior sigmas, which moved it by {found['moves'][i]:.2g} of its own)"
+            f"{names[i]} (by {abs(of[names[i]]):.3g} prior sigmas; it moved it by {about(float(found['moves'][i]))} of its)"
             for i in wrong
         )
         yield f"the data contradict the prior of {parts}: one of the two is wrong", {"sigmas": of}

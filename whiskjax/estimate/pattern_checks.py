@@ -17,7 +17,7 @@ from scipy.sparse import csc_array
 from .evidence import Evidence, Grouping, Seen, seen_by
 from .fitted import AbstractFitted, Score, scores
 from .model_test import FAMILY, chi_square_tail
-from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, probability, several
+from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, probability, several
 
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
@@ -47,7 +47,7 @@ def _single(e: Evidence) -> Figures:
 def _say_single(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     label, sigmas, moves = seen_by(e).label(int(found["measurement"])), float(found["sigmas"]), float(found["moves"])
     yield (
-        f"{label} lies {sigmas:.3g} sigma from where all else puts it, and moved the answer by {moves:.2g} sigma: is it the "
+        f"{label} lies {sigmas:.3g} sigma from where all else puts it, and moved the answer by {about(moves)} sigma: is it the "
         "right point?",
         {"measurement": label, "sigmas": sigmas, "moves": moves},
     )
@@ -268,4 +268,4 @@ def _found(found: dict[str, Any]) -> list[int]:
 
 def _sigmas(found: dict[str, Any], i: int) -> str:
     said = f"{math.sqrt(float(found['statistic'][i])):.3g} sigma"
-    return f"{said}, and moved the answer by {float(found['moves'][i]):.2g}"
+    return f"{said}, and moved the answer by {about(float(found['moves'][i]))}"

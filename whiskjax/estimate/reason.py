@@ -90,6 +90,11 @@ def several(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f", ... ({len(names)})" if len(names) > _NAMED else "")
 
 
+def about(x: float) -> str:
+    """Two digits, without an exponent up to a million."""
+    return f"{float(f'{x:.2g}'):g}"
+
+
 def probability(p: float) -> str:
     """A probability for people: below a millionth its exact size says nothing."""
     return f"{p:.2g}" if p >= 1e-6 else "below 1e-6"

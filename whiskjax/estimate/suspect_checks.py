@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 from .evidence import Evidence, seen_by
 from .fitted import Score, scores
 from .model_test import FAMILY
-from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, graded, several
+from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
 
 _LIKE = 0.9  # correlation of what two suspects leave in the residuals: the data cannot tell them apart
 _MOVES = 1.0  # sigmas
@@ -44,7 +44,7 @@ def _say_suspected(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     more = f"; or, less well, {several(others[:5])}" if others else ""
     yield (
         f"the residuals would be explained by {' or '.join(parts)} ({abs(float(found['sigmas'][first])):.3g} sigma), which moved "
-        f"the answer by {float(found['moves'][first]):.2g}{more}",
+        f"the answer by {about(float(found['moves'][first]))}{more}",
         {"numbers": [of.names[i] for i in alike], "others": others, "sigmas": float(found["sigmas"][first])},
     )
 
@@ -66,7 +66,7 @@ def _say_silent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     told = np.array([float(f"{moves:.2g}") for moves in found["silent"]])  # as it is told: what is the same stays in its order
     order = [int(i) for i in np.argsort(-told, kind="stable")[:_SILENT] if told[i] > 0]
     parts = [
-        f"{of.usual[i] * of.units[i].factor:.2g} {of.units[i].name} of {of.names[i]} by {found['silent'][i]:.2g} sigma"
+        f"{of.usual[i] * of.units[i].factor:.2g} {of.units[i].name} of {of.names[i]} by {about(float(found['silent'][i]))} sigma"
         for i in order
     ]
     yield (
