@@ -55,7 +55,8 @@ class Seen:
     - `candidate`: which could take part; `used`: which decided; `outlying`: candidates that count as blunders; `most`: the
       largest share that may.
     - `code`: results of those that the sensor cannot have made where the answer ended; `beside`: used, and measured far beside
-      the detector; `record`: numbers that tell one from another, (n, d); `image`: where each belongs, by its number in `images`.
+      the detector; `record`: what tells one from another, (n, d), in units below which it is the same; `image`: where each
+      belongs, by its number in `images`.
     - `label`: names one for people.
     - `groups`: what may have an error in common; `along`: what errors may change with, (n,) each, by name.
     """
