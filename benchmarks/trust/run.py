@@ -122,7 +122,9 @@ class Bench:
             judged = Judged(None, refusal=str(error), crashed=True)
         few, named = way.kind == "blind", False
         if culprits:
-            named = bool(who(judged.reasons, culprits, few=few) - who(self._unspoiled(way, seed).reasons, culprits, few=few))
+            found = who(judged.reasons, culprits, few=few)
+            # What nothing in the data can show is named on data that are not spoiled, too: with the same words.
+            named = bool(found if few else found - who(self._unspoiled(way, seed).reasons, culprits, few=few))
         failing = sorted({reason.kind for reason in judged.reasons or () if reason.grade == "failure"})
         said = tuple(failing) if judged.reasons is not None else ("crashed" if judged.crashed else "refused",)
         noncentrality = 0.0 if way.kind == "clean" else self._noncentrality(way, seed)
