@@ -128,15 +128,14 @@ def _sparse(values: Float[np.ndarray, "rows some"], columns: Any, size: int) -> 
 def _points_inverse(block: Block, by_point: Any) -> Any:
     """V^-1, blocks of three; zero where nothing says where a point is."""
     points = len(block.role)
-    flat = by_point.toarray() if points == 0 else by_point
     normal = np.array(block.information(), dtype=float)
-    product = (flat.T @ flat).tocoo()
+    product = (by_point.T @ by_point).tocoo()
     same = product.coords[0] // 3 == product.coords[1] // 3
     rows, columns = product.coords[0][same], product.coords[1][same]
     np.add.at(normal, (rows // 3, rows % 3, columns % 3), product.data[same])
     inverse = np.zeros_like(normal)
     known = np.abs(np.linalg.det(normal)) > 0
-    known &= np.bincount(block.point, weights=np.ones(len(block)), minlength=points) > 0
+    known &= block.seen
     inverse[known] = np.linalg.inv(normal[known])
     at = 3 * np.arange(points)[:, None, None]
     rows, columns = np.broadcast_arrays(at + np.arange(3)[:, None], at + np.arange(3)[None, :])
