@@ -12,7 +12,7 @@ Written by `make bench ARGS="--page docs/speed.md"`, which measures everything a
 the peer, which does the same work on the same numbers to the same result, in one process and on one thread unless the line says
 otherwise; below 1 whiskjax is faster. Both are warmed up, take turns, and the fastest calls count. Compile time stands apart: it
 is paid once, and kept from one run to the next. *Limit* is the figure that we set out to stay below; `make gate` fails where one
-is exceeded, or where a ratio has grown by more than 30 % over the one that `benchmarks/baseline.json` holds for this family of
+is exceeded, or where a ratio has grown by more than 30 % over the one that `benchmarks/baseline.json` holds for this model of
 processors. `make bench ARGS=NAME` measures one line again, or all whose names begin so.
 
 {machine}.

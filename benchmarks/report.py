@@ -1,4 +1,4 @@
-"""The table of what was asked and reached, and the committed baseline of each family of processors."""
+"""The table of what was asked and reached, and the committed baseline of each model of processors."""
 
 import importlib.metadata
 import json
@@ -86,10 +86,12 @@ def machine() -> dict[str, str]:
     return {"processor": processor(), "compiler": compiler, "python": platform.python_version(), **versions}
 
 
-def family(processor: str) -> str:
-    """The kind of processor that a baseline holds for: "AMD EPYC 7B13 64-Core Processor" and "AMD EPYC" are of one family."""
+def kind_of(processor: str) -> tuple[str, str]:
+    """Make of a processor, and make with model: "AMD EPYC" and "AMD EPYC (family 25, model 17)"."""
     words = [word for word in re.sub(r"\(.*?\)", "", processor).split() if not re.search(r"\d|^(CPU|Processor|@)$", word)]
-    return " ".join(words[:2]) or "unknown"
+    make = " ".join(words[:2]) or "unknown"
+    model = re.search(r"\(family \d+, model \d+\)", processor)
+    return make, f"{make} {model[0]}" if model else make
 
 
 def _baselines() -> dict[str, dict]:
@@ -97,18 +99,20 @@ def _baselines() -> dict[str, dict]:
 
 
 def read_baseline() -> dict[str, float]:
-    """Committed ratios of this family of processors, by the benchmark's name; empty where there are none yet.
+    """Committed ratios of this model of processors, else of its make, by the benchmark's name; empty where there are none yet.
 
-    The same code against the same peer is 1.1 on one family and 1.6 on another, so families are not compared.
+    The same code against the same peer is 1.1 on one model and 1.6 on another, of one make, so models are not compared.
     """
-    return _baselines().get(family(processor()), {}).get("ratios", {})
+    (make, model), found = kind_of(processor()), _baselines()
+    return found.get(model, found.get(make, {})).get("ratios", {})
 
 
 def write_baseline(rows: list[tuple[Benchmark, Measured | str]]) -> None:
-    """Writes what was measured now over what the file holds for this family; seconds depend on the machine and are left out."""
-    ratios = read_baseline()
+    """Writes what was measured now over what the file holds for this model; seconds depend on the machine and are left out."""
+    model = kind_of(processor())[1]
+    ratios = dict(_baselines().get(model, {}).get("ratios", {}))
     for benchmark, measured in rows:
         if benchmark.unit == "x" and isinstance(measured, Measured):
             ratios[benchmark.name] = round(measured.reached, 3 if measured.reached >= 0.1 else 5)
-    found = _baselines() | {family(processor()): {"machine": machine(), "ratios": ratios}}
+    found = _baselines() | {model: {"machine": machine(), "ratios": ratios}}
     BASELINE.write_text(json.dumps(found, indent=2) + "\n")

@@ -100,15 +100,18 @@ def _built(name: str, suffix: str, version: str, flags: tuple[str, ...], librari
 
 
 def processor() -> str:
-    """The processor's model name, as far as the system tells."""
+    """The processor's name, family and model, as far as the system tells."""
     return _processor()[0]
 
 
 def _processor() -> tuple[str, str]:
-    """Model name and instruction sets."""
+    """Name with family and model, and instruction sets."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine(), ""
     found = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    return found.get("model name", platform.machine()), found.get("flags", "")
+    name, model = found.get("model name", platform.machine()), ""
+    if "cpu family" in found and "model" in found:  # a virtual machine often tells no more than "AMD EPYC"
+        model = f" (family {found['cpu family']}, model {found['model']})"
+    return name + model, found.get("flags", "")

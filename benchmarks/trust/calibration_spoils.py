@@ -154,7 +154,8 @@ def number(name: str, where: str, value: float, stays: bool = True, scaled_by: b
     def spoil(case: Case, rng: Rng) -> Spoiled[Case]:
         sign = rng.choice([-1.0, 1.0])
         truth = haian.FOCAL_PX * (1 + sign * value) if scaled_by else sign * value
-        return Spoiled(case.sensed(lambda sensor: wj.assign(sensor, [unknown], [truth]), stays=stays), (name,))
+        changed = case.sensed(lambda sensor: wj.assign(sensor, [unknown], [truth]), stays=stays)
+        return Spoiled(changed, tuple(place.text for place in unknown.places))
 
     return spoil
 

@@ -69,27 +69,28 @@ def test_a_race_gives_the_ratio_of_two_programs():
 
 
 @pytest.mark.parametrize(
-    ("processor", "family"),
+    ("processor", "make", "model"),
     [
-        ("Intel(R) Xeon(R) Processor", "Intel Xeon"),
-        ("Intel(R) Xeon(R) Platinum 8481C CPU @ 2.70GHz", "Intel Xeon"),
-        ("AMD EPYC 7B13 64-Core Processor", "AMD EPYC"),
-        ("AMD EPYC", "AMD EPYC"),
-        ("aarch64", "unknown"),
-        ("", "unknown"),
+        ("Intel(R) Xeon(R) Processor", "Intel Xeon", ""),
+        ("Intel(R) Xeon(R) Platinum 8481C CPU @ 2.70GHz (family 6, model 143)", "Intel Xeon", " (family 6, model 143)"),
+        ("AMD EPYC 7B13 64-Core Processor (family 25, model 1)", "AMD EPYC", " (family 25, model 1)"),
+        ("AMD EPYC", "AMD EPYC", ""),
+        ("aarch64", "unknown", ""),
+        ("", "unknown", ""),
     ],
 )
-def test_processors_of_one_family_share_a_baseline(processor, family):
-    assert report.family(processor) == family
+def test_processors_of_one_make_and_model_share_a_baseline(processor, make, model):
+    assert report.kind_of(processor) == (make, make + model)
 
 
-def test_a_baseline_is_that_of_the_family(monkeypatch, tmp_path):
+def test_a_baseline_is_that_of_the_model_or_else_of_the_make(monkeypatch, tmp_path):
     monkeypatch.setattr(report, "BASELINE", tmp_path / "baseline.json")
-    for name, reached in (("AMD EPYC 9", 0.5), ("Intel(R) Xeon(R)", 2.0)):
+    for name, reached in (("AMD EPYC 9", 0.5), ("AMD EPYC 9 (family 25, model 1)", 0.7), ("Intel(R) Xeon(R)", 2.0)):
         monkeypatch.setattr(report, "processor", lambda name=name: name)
         report.write_baseline([(of(None), Measured(reached))])
         assert report.read_baseline() == {"name": reached}
-    monkeypatch.setattr(report, "processor", lambda: "AMD EPYC 7")
-    assert report.read_baseline() == {"name": 0.5}
+    for name, reached in (("AMD EPYC 7", 0.5), ("EPYC (family 25, model 1)", None), ("AMD EPYC (family 25, model 17)", 0.5)):
+        monkeypatch.setattr(report, "processor", lambda name=name: name)
+        assert report.read_baseline() == ({"name": reached} if reached else {})
     monkeypatch.setattr(report, "processor", lambda: "Apple M2")
     assert report.read_baseline() == {}

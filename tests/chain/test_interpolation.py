@@ -159,3 +159,28 @@ def test_other_words_are_refused(make):
 def test_velocities_and_a_spline_contradict_each_other():
     with pytest.raises(wj.WhiskjaxError, match="a cubic spline takes its velocities from the positions"):
         trajectory(velocity_mps=np.tile([60.0, 0.0, 0.0], (len(TIME_S), 1)))
+
+
+@pytest.mark.parametrize("t", [TIME_S[:12], np.concatenate([TIME_S[:7], 5 + TIME_S[:3], 10 + TIME_S[:2]])])
+def test_splines_through_traced_samples(t):
+    """They are those of the host, and follow the samples: position, attitude and the angle of an encoder."""
+    way = np.random.default_rng(2).normal(size=(len(t), 7)) * np.array([1, 1, 1, 0.01, 0.01, 0.01, 0.1])
+    inside = np.array([0.013, t[2] + 0.003, t[-2] + 0.01])
+    recorded = wobble(t)
+
+    def of(v, make=jnp):
+        """Rotations by a small rotation vector to first order: normalised by the trajectory."""
+        position, turn = path(t) + v[0] * way[:, :3], 0.5 * v[1] * way[:, 3:6]
+        x, y, z, w = recorded.as_quat().T
+        a, b, c = turn.T
+        q = make.stack(
+            [x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c]
+        )
+        link = wj.Trajectory(t, position, q.T, max_gap_s=0.03, interpolation="cubic")
+        turn = wj.Turn("z", wj.Encoder(t, 0.7 + 0.3 * np.sin(t) + v[2] * way[:, 6], 0.03, wraps=False, interpolation="cubic"))
+        rotation, position = posed(link, inside)
+        return jnp.concatenate([rotation.ravel(), position.ravel(), posed(turn, inside)[0][:, 1, 0]])
+
+    v = np.array([0.5, 0.7, 0.3])
+    np.testing.assert_allclose(jax.jit(of)(v), of(v, np), rtol=0, atol=1e-11)
+    assert_derivatives(jax.jit(of), v, np.full(3, 0.1), 1e-8)

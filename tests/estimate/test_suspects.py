@@ -9,6 +9,7 @@ import pytest
 import whiskjax as wj
 from whiskjax.chain.address import make_room, parse, put, read
 from whiskjax.chain.free_numbers import free_numbers
+from whiskjax.estimate.reason import warnings
 from whiskjax.estimate.suspects import suspects
 from whiskjax.flights import haian, tianshan
 
@@ -93,6 +94,60 @@ def test_an_error_that_the_data_cannot_show_is_among_those_that_stay_silent(flig
     assert answer.is_sound and reason.grade == "caution" and reason.figures["numbers"][0] == "scan.delay_s"
 
 
+def test_all_that_stays_silent_is_told_in_three_things(flight):
+    """Numbers of one part belong together, and the datum is always among them: it is no number of the instrument."""
+    (reason,) = [one for one in solved(flight).reasons if one.kind == "silent errors"]
+    assert len(reason.figures["numbers"]) == 3 and reason.figures["numbers"][2].startswith("datum")
+    assert {"scan.delay_s", "scan.zero_deg"} <= set(reason.figures["alike"][0])
+    assert reason.figures["moves"][0] >= reason.figures["moves"][1] > 1
+
+
+def test_check_points_tell_a_number_that_control_alone_does_not(flight):
+    """A delay that control points of two swings hardly see, and those of the others see well."""
+    answer = solved(flight, sensor=with_error(flight.sensor, "body.delay_s", 0.01))
+    evidence = answer.evidence
+    alone = dataclasses.replace(evidence, everything=None).suspicions
+    i = evidence.suspects.names.index("body.delay_s")
+    assert evidence.suspicions.sigma[i] < 0.7 * alone.sigma[i]
+    assert abs(evidence.suspicions.size[i] * 0.01 - 0.01) < 4 * evidence.suspicions.sigma[i] * 0.01
+
+
+def test_poses_that_nobody_stated_are_taken_as_exact(flight):
+    """With errors of the poses stated nobody takes them as exact."""
+    plain = wj.calibrate(flight.sensor, flight.observations(), flight.unknowns)
+    assert "poses of body" in plain.evidence.suspects.kin
+    assert "poses of body" not in solved(flight).evidence.suspects.kin
+
+
+def test_residuals_that_are_all_zero_test_nothing():
+    flight = haian.simulate(5, noise=False)
+    unknowns = haian.unknowns(haian.Truth(*haian.TABLE_4))
+    answer = wj.calibrate(flight.sensor, flight.observations(), unknowns, errors=flight.errors)
+    (reason,) = [one for one in answer.reasons if one.kind == "consistency"]
+    assert reason.grade == "caution" and "all zero" in reason.text
+
+
+def test_what_could_not_be_tested_is_told(flight):
+    """One image, one of its groups with two rows, and too few measurements to follow anything."""
+    seen = flight.observations()
+    some = seen.take(np.flatnonzero(of_image(seen, "L1"))[:12])
+    some = dataclasses.replace(some, is_control=np.ones(12, dtype=bool), images=["L1"] * 10 + ["R1"] * 2)
+    answer = wj.calibrate(flight.sensor, some, flight.unknowns, errors=flight.errors)
+    (reason,) = [one for one in answer.reasons if one.kind == "not tested"]
+    assert reason.grade == "note" and "image R1" in reason.figures["groups"] and "time" in reason.figures["along"]
+    assert "its datum above all" in next(one.text for one in answer.reasons if one.kind == "check points")
+    alone = wj.calibrate(flight.sensor, dataclasses.replace(some, images=["L1"] * 12), flight.unknowns, errors=flight.errors)
+    (reason,) = [one for one in alone.reasons if one.kind == "not tested"]
+    assert "image L1" in reason.figures["groups"]
+
+
+def test_nobody_reads_more_than_five_warnings():
+    told = [wj.Reason(f"kind {i}", "failure" if i < 2 else "caution", f"sentence {i}", {}) for i in range(8)]
+    found = warnings([*told, wj.Reason("more", "note", "all is well", {})])
+    assert found[:4] == tuple(f"sentence {i}" for i in range(4)) and len(found) == 5
+    assert found[4] == "and, in .reasons: kind 4, kind 5, kind 6, kind 7" and warnings(told[:5])[-1] == "sentence 4"
+
+
 def test_a_contradicted_prior_fails_the_answer(flight):
     """kappa of the left swing 20 sigma off: the data know it far better."""
     off = [dataclasses.replace(x, mean=x.mean + 20 * x.sigma) if x.name == "phi_pos_left" else x for x in flight.unknowns]
@@ -134,9 +189,16 @@ def test_columns_are_differences():
     flight = haian.simulate(5, noise=False)
     seen, sensor = flight.observations(), wj.assign(flight.sensor, flight.unknowns, np.concatenate(haian.TABLE_4))
     exact = np.asarray(wj.project(sensor, seen.shot, seen.point_m, throw=False).pixel_px)
-    found = suspects(sensor, seen.shot, seen.point_m, exact, ())
-    assert set(found.names) == {place.text for place in free_numbers(sensor)}
+    found = suspects(sensor, seen.shot, seen.point_m, exact, (), np.ones(len(seen), dtype=bool))
+    places = {place.text for place in free_numbers(sensor)}
+    assert [name for name in found.names if name not in places] == [
+        *(f"poses of body, {part} {axis}" for part in ("turn", "shift") for axis in "xyz"),
+        *(f"datum, {axis}" for axis in ("east", "north", "up")),
+    ]
+    _assert_shared_columns(found, sensor, seen)
     for k, name in enumerate(found.names):
+        if name not in places:
+            continue
         if "delay" in name or "deformation" in name:
             continue  # of a delay the column is a difference itself; half a width of one pixel makes steps tiny
         address, step = parse(name), 1e-4 if name.endswith(("_px", "_m", "]")) else 1e-6
@@ -152,3 +214,24 @@ def test_columns_are_differences():
         difference = (late - early) / (2 * step)
         largest = max(np.abs(difference).max(), 1e-3)
         np.testing.assert_allclose(found.columns_px[:, :, k], difference, atol=2e-5 * largest, err_msg=name)
+
+
+def _assert_shared_columns(found, sensor, seen):
+    """Of a turned or shifted body, by a mount behind it; of all points moved east, north and up."""
+
+    def pixels(turn_rad=(0, 0, 0), shift_m=(0, 0, 0), by_m=0.0):
+        moved = sensor.after("body", "off", wj.Mount(lever_arm_m=np.array(shift_m, float), angles_rad=np.array(turn_rad, float)))
+        return np.asarray(wj.project(moved, seen.shot, seen.point_m + by_m, throw=False).pixel_px)
+
+    east_north_up = np.asarray(wj.enu_rotation(haian.LAT_RAD, haian.LON_RAD))
+    for axis, along in enumerate(np.eye(3)):
+        ways = {
+            f"turn {'xyz'[axis]}": lambda s, along=along: pixels(turn_rad=1e-6 * s * along),
+            f"shift {'xyz'[axis]}": lambda s, along=along: pixels(shift_m=1e-3 * s * along),
+            ("east", "north", "up")[axis]: lambda s, axis=axis: pixels(by_m=1e-3 * s * east_north_up[:, axis]),
+        }
+        for (part, of), step in zip(ways.items(), (1e-6, 1e-3, 1e-3), strict=True):
+            (k,) = [k for k, name in enumerate(found.names) if name.endswith(f", {part}")]
+            difference = (of(1) - of(-1)) / (2 * step)
+            # East at the middle of the points is not quite east at each of them.
+            np.testing.assert_allclose(found.columns_px[:, :, k], difference, atol=2e-3 * np.abs(difference).max(), err_msg=part)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..algebra.vectors import is_structural
-from ..rules import WhiskjaxError, is_traced
+from ..rules import WhiskjaxError, is_traced, on_device
 from .by import By
 from .part import AbstractPart
 from .sensor import Sensor
@@ -99,26 +99,34 @@ def read(sensor: Sensor, address: Address) -> Any:
     return leaf[address.index] if address.index else leaf
 
 
-def make_room(sensor: Sensor, address: Address) -> Sensor:
-    """The same sensor, with a real number at the address where there was a structural zero or None.
+def make_room(sensor: Sensor, *addresses: Address) -> Sensor:
+    """The same sensor, with real numbers at the addresses where there were structural zeros or None.
 
-    **Raises:** `WhiskjaxError` where the place holds no number, or the index lies outside the array.
+    **Raises:** `WhiskjaxError` where a place holds no number, or the index lies outside the array.
     """
-    node = sensor[address.link]
-    for name in address.path[:-1]:
-        node = _step(node, name, address.text)
-    field = address.path[-1]
-    leaf = _step(node, field, address.text)
-    part = node if isinstance(node, AbstractPart) else AbstractPart()
-    if leaf is None or is_structural(leaf, 0):
-        leaf = part.absent(field) if leaf is None else jnp.zeros(())
-        if leaf is not None:
-            sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
-    if field in part.given or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
-        raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
-    if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
-        raise WhiskjaxError(f"{address.text}: the array there has shape {leaf.shape}; name one of its entries, as [0]")
-    return sensor
+    rooms: dict[tuple[str, tuple[str, ...]], tuple[Address, Any]] = {}
+    for address in addresses:
+        node = sensor[address.link]
+        for name in address.path[:-1]:
+            node = _step(node, name, address.text)
+        field, where = address.path[-1], (address.link, address.path)
+        leaf = _step(node, field, address.text)
+        part = node if isinstance(node, AbstractPart) else AbstractPart()
+        if where in rooms:
+            leaf = rooms[where][1]
+        elif leaf is None or is_structural(leaf, 0):
+            leaf = part.absent(field) if leaf is None else np.zeros(())
+            if leaf is not None:
+                leaf = on_device(leaf)
+                rooms[where] = address, leaf
+        if field in part.given or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):
+            raise WhiskjaxError(f"{address.text} is not a number that can be estimated")
+        if len(address.index) != leaf.ndim or any(i >= n for i, n in zip(address.index, leaf.shape, strict=True)):
+            raise WhiskjaxError(f"{address.text}: the array there has shape {leaf.shape}; name one of its entries, as [0]")
+    if not rooms:
+        return sensor
+    firsts, leaves = zip(*rooms.values(), strict=True)
+    return eqx.tree_at(lambda s: [node_at(s, a) for a in firsts], sensor, list(leaves), is_leaf=lambda x: x is None)
 
 
 def put(sensor: Sensor, addresses: list[Address], values: list[Any]) -> Sensor:

@@ -1,6 +1,7 @@
 """How the attitude turns from one POS sample to the next: evenly (slerp), or along a spline of continuous acceleration."""
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -55,17 +56,17 @@ class TurnSpline(AbstractTurning):
     third: Vec3
     is_small: bool = eqx.field(static=True)
 
-    def __init__(self, time_s: Float[np.ndarray, " n"], quaternion: Float[np.ndarray, "n 4"], is_gap: Bool[np.ndarray, " n-1"]):
+    def __init__(self, time_s: Float[np.ndarray, " n"], quaternion: Float[Any, "n 4"], is_gap: Bool[np.ndarray, " n-1"]):
         """**Arguments:** `quaternion`: sign-continuous; `is_gap`: intervals that the spline does not run across.
 
-        **Raises:** `WhiskjaxError` where the samples turn too far.
+        **Raises:** `WhiskjaxError` where the samples turn too far, unless they are traced.
         """
         turn, leave, arrive = attitude_rates(time_s, quaternion, is_gap)
         step = np.diff(time_s)[:, None]
         first, last = step * leave, step * arrive
         terms = first, 3 * turn - 2 * first - last, first + last - 2 * turn
         self.first, self.second, self.third = map(unstack, terms)
-        self.is_small = bool((np.linalg.norm(terms, axis=2).sum(axis=0) < 2 * SMALL_RAD).all())
+        self.is_small = arrays_of(turn) is np and bool((np.linalg.norm(terms, axis=2).sum(axis=0) < 2 * SMALL_RAD).all())
 
     def since(self, i, w):
         """The rotation of the cubic."""

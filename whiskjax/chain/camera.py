@@ -176,7 +176,7 @@ class FrameCamera(AbstractCamera):
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """No distortion."""
-        return jnp.zeros(5) if field == "distortion" else None
+        return np.zeros(5) if field == "distortion" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

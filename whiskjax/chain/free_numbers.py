@@ -1,5 +1,6 @@
 """Every number of a sensor that might be wrong: all that can be estimated, whether somebody does or not."""
 
+import math
 from collections.abc import Iterator
 
 import equinox as eqx
@@ -34,14 +35,16 @@ def _within(link: str, path: tuple[str, ...], part: object) -> Iterator[Address]
     is_part = isinstance(part, AbstractPart)
     for field in vars(part):
         leaf = getattr(part, field)
-        if is_part and field in part.given:
-            continue
-        if leaf is None and is_part:
-            leaf = part.absent(field)
-        elif isinstance(leaf, AbstractPart):
+        if isinstance(leaf, AbstractPart) and not (is_part and field in part.given):
             yield from _within(link, (*path, field), leaf)
-        if is_part and isinstance(leaf, float | int) and not isinstance(leaf, bool) and leaf == 0:
-            leaf = jnp.zeros(())
-        if is_part and isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size <= _LONGEST:
-            for index in np.ndindex(leaf.shape):
+        if not is_part or field in part.given:
+            continue
+        if leaf is None:
+            shape = None if (room := part.absent(field)) is None else room.shape
+        elif isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating):
+            shape = leaf.shape
+        else:
+            shape = () if type(leaf) in (int, float) and leaf == 0 else None
+        if shape is not None and math.prod(shape) <= _LONGEST:
+            for index in np.ndindex(shape):
                 yield Address(link, (*path, field), tuple(map(int, index)))

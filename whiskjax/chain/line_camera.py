@@ -90,7 +90,7 @@ class LineCamera(AbstractCamera):
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """A straight line."""
-        return jnp.zeros((2, 4)) if field == "deformation_px" else None
+        return np.zeros((2, 4)) if field == "deformation_px" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

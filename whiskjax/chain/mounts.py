@@ -3,7 +3,6 @@
 import re
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -49,7 +48,7 @@ class Mount(AbstractLink):
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """No lever arm, no turn."""
-        return jnp.zeros(3) if field in ("lever_arm_m", "angles_rad") else None
+        return np.zeros(3) if field in ("lever_arm_m", "angles_rad") else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -1,18 +1,18 @@
 """Cubic splines through recorded samples: one for each piece of a record between two gaps.
 
-Slopes at the samples are found once, on the host; between two samples a spline is then the cubic that meets value and slope at
+Slopes at the samples are found once; between two samples a spline is then the cubic that meets value and slope at
 both, and evaluating it costs a few loads and products.
 """
 
 from collections.abc import Iterator
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.tridiagonal import tridiagonal_solver
 from ..algebra.vectors import Component
-from ..rules import WhiskjaxError
+from ..rules import WhiskjaxError, arrays_of
 
 Interpolation: TypeAlias = Literal["linear", "cubic"]
 
@@ -47,32 +47,30 @@ def pieces(is_gap: Bool[np.ndarray, " n-1"]) -> Iterator[slice]:
 
 
 def spline_slopes(
-    time_s: Float[np.ndarray, " n"], value: Float[np.ndarray, "n m"], is_gap: Bool[np.ndarray, " n-1"]
-) -> Float[np.ndarray, "n m"]:
+    time_s: Float[np.ndarray, " n"], value: Float[Any, "n m"], is_gap: Bool[np.ndarray, " n-1"]
+) -> Float[Any, "n m"]:
     """Slopes at the samples, per second, with which the second derivative is continuous inside each piece.
 
     At both ends of a piece the third derivative is continuous across the second sample ("not a knot", de Boor 1978, chapter IV):
     then cubics are met exactly, and the ends err with the fourth power of the spacing, as the middle does. A piece of three
     samples is the parabola through them, of two the line; one sample alone has no slope.
     """
-    slope = np.empty_like(value)
-    for piece in pieces(is_gap):
-        slope[piece] = _slopes(time_s[piece], value[piece])
-    return slope
+    return arrays_of(value).concatenate([_slopes(time_s[piece], value[piece]) for piece in pieces(is_gap)])
 
 
-def _slopes(t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+def _slopes(t: Float[np.ndarray, " n"], value: Float[Any, "n m"]) -> Float[Any, "n m"]:
+    math = arrays_of(value)
     if len(t) == 1:
-        return np.zeros_like(value)
+        return math.zeros_like(value)
     h = np.diff(t)[:, None]
-    steep = np.diff(value, axis=0) / h
+    steep = math.diff(value, axis=0) / h
     if len(t) == 2:
-        return np.repeat(steep, 2, axis=0)
+        return math.repeat(steep, 2, axis=0)
     before, after = h[:-1], h[1:]
     both = before + after
     if len(t) == 3:
         middle = (after * steep[:-1] + before * steep[1:]) / both
-        return np.concatenate([2 * steep[:1] - middle, middle, 2 * steep[1:] - middle])
+        return math.concatenate([2 * steep[:1] - middle, middle, 2 * steep[1:] - middle])
     # At each inner sample: after s[i-1] + 2 both s[i] + before s[i+1] = 3 (after steep[i-1] + before steep[i]). Not a knot, at
     # the first: after s[0] + both s[1] = first; likewise at the last. Taken from their neighbours they leave the inner samples.
     right = 3 * (after * steep[:-1] + before * steep[1:])
@@ -81,8 +79,8 @@ def _slopes(t: Float[np.ndarray, " n"], value: Float[np.ndarray, "n m"]) -> Floa
     diagonal = 2 * both
     diagonal[0] -= both[0]
     diagonal[-1] -= both[-1]
-    right[0] -= first
-    right[-1] -= last
+    right = math.concatenate([right[:1] - first[None], right[1:]])
+    right = math.concatenate([right[:-1], right[-1:] - last[None]])
     inner = tridiagonal_solver(after[..., None], diagonal[..., None], before[..., None])(right[:, None])[:, 0]
     start, end = (first - both[0] * inner[0]) / after[0], (last - both[-1] * inner[-1]) / before[-1]
-    return np.concatenate([start[None], inner, end[None]])
+    return math.concatenate([start[None], inner, end[None]])

@@ -6,7 +6,6 @@ adjustment needs no more of them than that.
 
 import abc
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -52,7 +51,7 @@ class AbstractStations(AbstractLink):
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """No motion of any station."""
-        return jnp.zeros((self.stations, 3)) if field in ("turn_rad", "shift_m") else None
+        return np.zeros((self.stations, 3)) if field in ("turn_rad", "shift_m") else None
 
     @abc.abstractmethod
     def acting(self, shot: Shot) -> list[tuple[Component, Component]]:

@@ -101,8 +101,6 @@ class Trajectory(AbstractLink):
         self.interpolation = check_interpolation("Trajectory", interpolation)
         if self.interpolation == "linear":
             self.turning = Slerp(quaternion)
-        elif traced:
-            raise WhiskjaxError("Trajectory: a cubic spline is laid through samples on the host; traced ones are met linearly")
         elif velocity is None:
             velocity = spline_slopes(time, position, is_gap)
             self.turning = TurnSpline(time, quaternion, is_gap)

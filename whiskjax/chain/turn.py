@@ -83,8 +83,8 @@ class Encoder(eqx.Module):
         self.interpolation = check_interpolation(name, interpolation)
         is_cubic = self.interpolation == "cubic"
         if is_traced(angle):
-            if check_wraps(name, wraps) or is_cubic:
-                raise WhiskjaxError(f"{name}: traced angles are taken as they are, and linearly: no wraps, no cubic spline")
+            if check_wraps(name, wraps):
+                raise WhiskjaxError(f"{name}: traced angles are taken as they are: no jumps are taken out of them")
         else:
             angle, unclear = unwrapped(time, angle, is_gap, check_wraps(name, wraps))
             if unclear:

@@ -136,6 +136,7 @@ class Calibration(eqx.Module):
     _share: Float[Any, " n"]
     _most: float = eqx.field(static=True)
     _considered_places: Places = eqx.field(static=True)
+    _states_poses: bool = eqx.field(static=True)
 
     @property
     def value(self) -> Float[Any, " k"]:
@@ -224,8 +225,12 @@ class Calibration(eqx.Module):
 
     @cached_property
     def _fitted(self) -> Dense:
-        """The residuals of observations that decided, beside all numbers that were estimated or considered."""
-        ready, here, share = self._ready, self._here, np.where(self.used, self._share, 0.0)
+        """Of the observations that decided."""
+        return self._fit_of(np.where(self.used, self._share, 0.0))
+
+    def _fit_of(self, share: Float[Any, " n"]) -> Dense:
+        """The residuals of observations by how much they pull, beside all numbers that were estimated or considered."""
+        ready, here = self._ready, self._here
         pull, u = np.sqrt(share)[:, None, None], ready.prior @ here.u
         rows, size = here.rows, len(here.u)
         information, prior = ready.prior.T @ ready.prior, ready.prior.T @ u
@@ -245,7 +250,8 @@ class Calibration(eqx.Module):
     def _suspects(self) -> Suspects:
         """What was taken as known."""
         seen = self.observations
-        return suspects(self.sensor, seen.shot, seen.point_m, seen.pixel_px, (*self.estimate.places, *self._considered_places))
+        known, given = (*self.estimate.places, *self._considered_places), np.ones(len(seen), dtype=bool)
+        return suspects(self.sensor, seen.shot, seen.point_m, seen.pixel_px, known, given, self._states_poses)
 
     @property
     def check_log_density(self) -> float:
@@ -301,6 +307,7 @@ class Calibration(eqx.Module):
             widened=0.0 if at._considered is None else (at._considered.moved**2).sum(axis=1),
             suspects=self._suspects if is_judged else None,
             fit=at._fitted if is_judged else None,
+            everything=at._fit_of(np.where(at.used | ~control, at._share, 0.0)) if is_judged and not control.all() else None,
         )
 
     @cached_property

@@ -16,12 +16,13 @@ from .evidence import Evidence, seen_by
 from .measurement_checks import BESIDE, COPIES, LEFT_OUT, LOPSIDED
 from .model_test import UNLIKELY
 from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK
-from .pattern_checks import PATTERN_CHECKS
+from .pattern_checks import PATTERN_CHECKS, UNTESTED
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded, judged, probability, several
 from .suspect_checks import SUSPECT_CHECKS
 from .variance_components import STRETCHED
 
 _SMALL = 0.5  # of the variance factor: below it sigmas are called too large
+_NONE = 1e-12  # below it residuals are rounding
 
 
 def _ended(e: Evidence) -> Figures:
@@ -64,7 +65,10 @@ def _say_agreement(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     factor, freedom, tail = float(np.sqrt(found["factor"])), int(found["freedom"]), float(found["tail_probability"])
     figures = {"sigma_factor": factor, "degrees_of_freedom": freedom, "tail_probability": tail}
     times = f"the {e.words.residuals} are {factor:.3g} times as large as their sigmas say"
-    if freedom <= 0:
+    if found["factor"] < _NONE and freedom > 0:
+        made = f"the {e.words.noun} were made with the model itself"
+        yield f"the {e.words.residuals} are all zero: {made}, and test nothing", figures
+    elif freedom <= 0:
         yield "there are no more measurements and priors than unknowns: nothing checks the fit", {"degrees_of_freedom": freedom}
     elif tail <= UNLIKELY:
         yield f"{times}, more than chance explains (probability: {probability(tail)}): {e.words.remedy}", figures
@@ -87,7 +91,7 @@ def _checked(e: Evidence) -> Figures:
 def _say_checked(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.check is not None
     if not e.check.freedom:
-        yield "there are no check points: nothing tests the answer from outside", {}
+        yield "there are no check points: what all control has in common, its datum above all, was not tested", {}
         return
     if not math.isfinite(e.check.chi_square):
         yield "the check points could not be compared: a difference is not a number", {}
@@ -145,5 +149,5 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 CHECKS = (
     ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK,
-    CORRELATION, PRIORS, FAR,
+    CORRELATION, PRIORS, FAR, UNTESTED,
 )  # fmt: skip

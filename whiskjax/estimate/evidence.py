@@ -32,6 +32,14 @@ class Grouping(NamedTuple):
     names: tuple[str, ...]
 
 
+class Held(NamedTuple):
+    """Observations of one kind, as recorded poses or surveyed coordinates: their whitened sum of squares and redundancy."""
+
+    name: str
+    squares: float
+    freedom: float
+
+
 class Words(NamedTuple):
     """What a verb calls things, in sentences for people.
 
@@ -87,8 +95,10 @@ class Evidence:
     - `words`: of the verb, for sentences; `seen`: the measurements, where they were kept.
     - `check`: the check points, None where there can be none; `components`: factors on the sigmas, where they were estimated.
     - `widened`: how much of each prior's variance what is considered adds to the answer's, (k,).
+    - `held`: kinds of observations, of which some are no measurements in the image.
     - `suspects`: what numbers that nobody estimated do to the pixels, and every image's own pose.
-    - `fit`: the residuals and what the fit took of them; None while tracing, and of batches.
+    - `fit`: the residuals and what the fit took of them; None while tracing, and of batches; `everything`: the same of a fit
+      that knows the check points too, where these are measurements like the others.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
     """
 
@@ -106,15 +116,17 @@ class Evidence:
     components: Components | None = None
     kinks: tuple[tuple[str, str], ...] = ()
     widened: Float[Any, " k"] | float = 0.0
+    held: tuple[Held, ...] = ()
     suspects: Suspects | None = None
     fit: AbstractFitted | None = None
+    everything: AbstractFitted | None = None
 
     @cached_property
     def suspicions(self) -> Suspicions | None:
         """The score tests of the suspects; None where there are none."""
         if self.fit is None or self.suspects is None or not self.suspects.names:
             return None
-        return tested(self.fit, self.suspects)
+        return tested(self.fit, self.suspects, self.everything)
 
 
 def seen_by(e: Evidence) -> Seen:

@@ -1,8 +1,13 @@
 """East, north and up at a frame: motions that are stated there, seen in the frame's own axes."""
 
-import numpy as np
+from typing import Any
 
-from ..algebra.vectors import Mat3, Vec3, apply, matmul, norm, transpose
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..algebra.vectors import Mat3, Vec3, apply, matmul, norm, stack, transpose, unstack
 from ..chain.pose import Motion, Pose
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
@@ -34,6 +39,19 @@ def frame_from_level(frame: str, world_from_frame: Pose, surface: AbstractSurfac
     level = HeightSurface(0.0) if surface is None else surface
     refuse_unknown_up(frame, world_from_frame.translation, level)
     return matmul(transpose(world_from_frame.rotation), level.level(world_from_frame.translation))
+
+
+def level_at(position_m: Float[np.ndarray, "3"]) -> tuple[tuple[str, str, str], Float[np.ndarray, "3 3"]]:
+    """East, north and up at a place, as columns in the world frame; x, y and z in a local world."""
+    if np.linalg.norm(position_m) < SEMI_MINOR_M - _DEEPEST_M:
+        return ("x", "y", "z"), np.eye(3)
+    matrix: Any = _level(position_m)
+    return ("east", "north", "up"), np.asarray(matrix)
+
+
+@jax.jit
+def _level(position_m: Float[np.ndarray, "3"]) -> Float[Array, "3 3"]:
+    return jnp.stack([stack(row) for row in HeightSurface(0.0).level(unstack(position_m))])
 
 
 def refuse_unknown_up(frame: str, position: Vec3, surface: AbstractSurface) -> None:

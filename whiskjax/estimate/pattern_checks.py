@@ -17,7 +17,7 @@ from scipy.sparse import csc_array
 from .evidence import Evidence, Grouping, Seen, seen_by
 from .fitted import AbstractFitted, Score, scores
 from .model_test import FAMILY, chi_square_tail
-from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, probability, several
+from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, about, graded, probability, several
 
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
@@ -83,12 +83,15 @@ SHIFTED = Check("a group shifted", _shifted, _say_shifted)
 
 def _sized(e: Evidence) -> Figures:
     """Groups whose residuals are larger than their sigmas say, and by more than a tenth."""
-    if e.fit is None or e.seen is None or not (found := list(_groups(e.seen, e.fit, whole=True))):
+    if e.fit is None or e.seen is None:
         return np.asarray(FINE), {}
-    left = np.einsum("naa->na", e.fit.left)
+    members = [of for _, _, of in _groups(e.seen, e.fit, whole=True)]
     squares, freedom = (
-        np.array([of[members].sum(axis=0) for _, _, members in found]).reshape(-1) for of in (e.fit.residual**2, left)
+        np.concatenate([*(of[group].sum(axis=0) for group in members), [getattr(held, name) for held in e.held]])
+        for of, name in ((e.fit.residual**2, "squares"), (np.einsum("naa->na", e.fit.left), "freedom"))
     )
+    if not len(squares):
+        return np.asarray(FINE), {}
     asked = freedom > _FEWEST
     tail = np.array([chi_square_tail(s, f) if a else 1.0 for s, f, a in zip(squares, freedom, asked, strict=True)])
     factor = np.sqrt(np.where(asked, squares, 1.0) / np.where(asked, freedom, 1.0))
@@ -98,14 +101,17 @@ def _sized(e: Evidence) -> Figures:
 
 def _say_sized(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.fit is not None
-    groups = list(_groups(seen_by(e), e.fit, whole=True))
+    groups = [(kind, name) for kind, name, _ in _groups(seen_by(e), e.fit, whole=True) for _ in _AXES]
+    parts = [f"{kind} {name} along the {_AXES[i % 2]}" for i, (kind, name) in enumerate(groups)]
+    groups, parts = groups + [("group", held.name) for held in e.held], parts + [held.name for held in e.held]
     order = [int(i) for i in np.argsort(-found["factor"]) if found["bad"][i]]
-    parts = [f"{groups[i // 2][0]} {groups[i // 2][1]} along the {_AXES[i % 2]} {found['factor'][i]:.3g}" for i in order]
-    kind, name, _ = groups[order[0] // 2]
+    kind, name = groups[order[0]]
+    sizes = [f"{parts[i]} {found['factor'][i]:.3g}" for i in order]
     yield (
         f"residuals are larger than their sigmas say, more than chance explains (probability: "
-        f"{probability(float(found['tail'][order[0]]))}), in some groups, by a factor: {several(parts)}",
-        {kind: name, "groups": [groups[i // 2][1] for i in order], "factor": float(found["factor"][order[0]])},
+        f"{probability(float(found['tail'][order[0]]))}), in some groups, by a factor: "
+        f"{several(sizes)}",
+        {kind: name, "groups": [groups[i][1] for i in order], "factor": float(found["factor"][order[0]])},
     )
 
 
@@ -197,6 +203,46 @@ def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
 WANDERING = Check("residuals hang together", _wandering, _say_wandering)
 
 PATTERN_CHECKS = (SINGLE, SHIFTED, SIZED, BENT, WANDERING)
+
+
+def _untested(e: Evidence) -> Figures:
+    """What the checks above could not look at."""
+    if e.fit is None or e.seen is None:
+        return np.asarray(FINE), {}
+    used = _used(e.seen, e.fit)
+    alone = used & (np.linalg.eigvalsh(e.fit.left)[:, 0] < _CONTROLLED)
+    return graded(NOTE, bool(_not_followed(e.seen, e.fit) or _small(e.seen, used) or alone.any())), {"alone": alone}
+
+
+def _not_followed(seen: Seen, fit: AbstractFitted) -> list[str]:
+    """What residuals were not followed along: it is not known, or there are too few of them."""
+    names = ["time"] * ("time" not in seen.along) + list(seen.along)
+    known = {name for name, *_ in _courses(seen, fit)}
+    return [name for name in names if name not in known]
+
+
+def _small(seen: Seen, used: Bool[np.ndarray, " n"]) -> list[str]:
+    """Groups of too few measurements, and kinds of which there is one group only."""
+    found = []
+    for grouping in seen.groups:
+        count = np.bincount(grouping.index[used], minlength=len(grouping.names))
+        there = np.flatnonzero(count)
+        alone = len(there) == 1 and grouping.kind == "image"  # one strip is no strip
+        found += [f"{grouping.kind} {grouping.names[i]}" for i in there if alone or count[i] < _FEWEST]
+    return found
+
+
+def _say_untested(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    assert e.fit is not None
+    seen, alone = seen_by(e), [seen_by(e).label(int(i)) for i in np.flatnonzero(found["alone"])]
+    along, groups = _not_followed(seen, e.fit), _small(seen, _used(seen, e.fit))
+    parts = [f"residuals along {several(along)} (not known, or fewer than {_ORDERED} {e.words.noun})"] if along else []
+    parts += [f"groups that are alone or have fewer than {_FEWEST} {e.words.noun} ({several(groups)})"] if groups else []
+    parts += [f"{len(alone)} {e.words.noun} that no other controls ({several(alone)})"] if alone else []
+    yield f"could not be tested: {'; '.join(parts)}", {"along": along, "groups": groups, "measurements": alone}
+
+
+UNTESTED = Check("not tested", _untested, _say_untested)
 
 
 def _used(seen: Seen, fit: AbstractFitted) -> Bool[np.ndarray, " n"]:

@@ -12,6 +12,7 @@ Grade = Literal["failure", "caution", "note"]
 # What a check returns, as numbers that can be traced: 0 has nothing to say.
 FINE, NOTE, CAUTION, FAILURE = range(4)
 _NAMED = 10
+_LINES = 5
 _GRADES: tuple[Grade, ...] = ("note", "note", "caution", "failure")
 
 
@@ -76,8 +77,12 @@ def is_sound(reasons: Iterable[Reason]) -> bool:
 
 
 def warnings(reasons: Iterable[Reason]) -> tuple[str, ...]:
-    """The sentences of failures and cautions."""
-    return tuple(reason.text for reason in reasons if reason.grade != "note")
+    """The sentences of failures and cautions; where there are more than anybody reads, the kinds of the last ones."""
+    told = [reason for reason in reasons if reason.grade != "note"]
+    if len(told) <= _LINES:
+        return tuple(reason.text for reason in told)
+    kinds = dict.fromkeys(reason.kind for reason in told[_LINES - 1 :])
+    return *(reason.text for reason in told[: _LINES - 1]), f"and, in .reasons: {', '.join(kinds)}"
 
 
 def graded(grade: int, where: Any, otherwise: Any = FINE) -> Any:

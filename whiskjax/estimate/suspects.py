@@ -1,4 +1,5 @@
-"""What every number of a sensor that was not estimated would have done to the pixels, and every image's own pose.
+"""What all that was taken as known would have done to the pixels: numbers of the sensor that nobody estimated, the poses of its
+record, and the datum of the control points.
 
 One sweep through the chain tells it of all of them (parameters.py); the score test (fitted.py) then says of each by how much the
 sum of squares would fall if it were estimated, the value it would take, and what its being wrong did to the answer.
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..algebra.vectors import Vec2, Vec3, unstack
 from ..chain.address import Address, make_room, node_at, read
@@ -26,35 +27,44 @@ from ..chain.shot import Shot
 from ..rules import compiled, on_device, once
 from .errors import unit_motion
 from .fitted import VISIBLE, AbstractFitted
-from .unknown import Unit, unit_of
+from .level import level_at
+from .unknown import ANGLE, METRE, Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
 # are wrong by what moves pixels by one (RMS).
-_USUAL = {"_m": 0.1, "_rad": 1e-3, "_s": 0.01}
+_USUAL = {"zero_rad": 5e-3, "_m": 0.1, "_rad": 1e-3, "_s": 0.01}
+# National datums that move with their plate are half a metre from the global ones after twenty years.
+DATUM, _DATUM_M = "datum", 0.5
 # Where a coefficient, or a focal length by such a part, has to change by more to move pixels by one, all points lie so near the
 # principal point that it acts on the noise of their images: it would be found in that noise.
 _LARGEST, _LARGEST_PART = 0.1, 0.005
+_MOTIONS = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
+_POSE_UNITS, _POSE_USUAL = (ANGLE,) * 3 + (METRE,) * 3, (1e-3,) * 3 + (0.1,) * 3
 
 
 class Suspects(NamedTuple):
     """Columns of pixels, (n, 2, k), by one inner unit of each number; `usual` is how large an error of it is in practice.
 
-    `motion`: by a turn (rad) and a shift (m) of the frame of the record, `frame`, (n, 2, 6).
+    `kin`: what a number is one component of, as "datum"; "" of a number of the sensor. `motion_px`: by a turn (rad, axes of the
+    frame of the record, `frame`) and a shift (m, there), (n, 2, 6); `place_px`: by the point, world frame, (n, 2, 3).
     """
 
     names: tuple[str, ...]
+    kin: tuple[str, ...]
     frame: str
     units: tuple[Unit, ...]
     usual: Float[np.ndarray, " k"]
     columns_px: Float[np.ndarray, "n 2 k"]
     motion_px: Float[np.ndarray, "n 2 6"]
+    place_px: Float[np.ndarray, "n 2 3"]
 
 
 class Suspicions(NamedTuple):
     """The score test of each suspect, sizes in units of the usual error, (k,).
 
     `sigmas`, signed; `chance` of the largest of so many; `size` it would take, and its `sigma`, infinite where it cannot be seen;
-    `taken`: how far, in sigmas, a usual error moves the answer; `like`: how alike two of them look in the residuals, (k, k).
+    `taken`: how far, in sigmas, a usual error moves the answer; `like`: how alike two of them look in the residuals, and `same`:
+    in what they do to the answer, (k, k) each.
     """
 
     sigmas: Float[np.ndarray, " k"]
@@ -63,39 +73,53 @@ class Suspicions(NamedTuple):
     sigma: Float[np.ndarray, " k"]
     taken: Float[np.ndarray, " k"]
     like: Float[np.ndarray, "k k"]
+    same: Float[np.ndarray, "k k"]
 
 
-def tested(fit: AbstractFitted, of: Suspects) -> Suspicions:
-    """Each suspect beside nothing else."""
-    pattern = fit.whitened((of.columns_px * of.usual).reshape(-1, len(of.names)))
-    slope, gram = np.asarray(pattern.T @ fit.residual.ravel()), fit.gram(pattern)
+def tested(fit: AbstractFitted, of: Suspects, everything: AbstractFitted | None = None) -> Suspicions:
+    """Each suspect beside nothing else.
+
+    **Arguments:** `everything`: the fit that knows the check points too, of which the answer does not: they see more.
+    """
+    errors_px = (of.columns_px * of.usual).reshape(-1, len(of.names))
+    pattern, asked = fit.whitened(errors_px), fit if everything is None else everything
+    answer = fit.gram(pattern).taken
+    pattern = pattern if everything is None else everything.whitened(errors_px)
+    slope, gram = np.asarray(pattern.T @ asked.residual.ravel()), asked.gram(pattern)
     left, whole = gram.whole - gram.taken, gram.whole.diagonal()
     seen = left.diagonal() > VISIBLE * np.where(whole > 0, whole, 1.0)
     root = np.sqrt(np.where(seen, left.diagonal(), 1.0))
     sigmas = np.where(seen, slope / root, 0.0)
     chance = np.array([math.erfc(abs(z) / math.sqrt(2)) for z in sigmas]) * max(int(seen.sum()), 1)
-    taken = np.sqrt(np.maximum(gram.taken.diagonal(), 0.0))
+    taken = np.sqrt(np.maximum(answer.diagonal(), 0.0))
     like = np.abs(np.where(np.outer(seen, seen), left / np.outer(root, root), 0.0))
-    return Suspicions(sigmas, chance, sigmas / root, np.where(seen, 1 / root, np.inf), taken, like)
+    same = np.abs(answer / np.outer(*2 * [np.where(taken > 0, taken, np.inf)]))
+    return Suspicions(sigmas, chance, sigmas / root, np.where(seen, 1 / root, np.inf), taken, like, same)
 
 
 def suspects(
-    sensor: Sensor, shot: Shot, point_m: Float[Any, "n 3"], pixel_px: Float[Any, "n 2"], known: tuple[tuple[Address, ...], ...]
+    sensor: Sensor,
+    shot: Shot,
+    point_m: Float[Any, "n 3"],
+    pixel_px: Float[Any, "n 2"],
+    known: tuple[tuple[Address, ...], ...],
+    given: Bool[Any, " n"] | None = None,
+    stated: bool = False,
 ) -> Suspects:
-    """All numbers that nobody estimated or considered.
+    """All numbers that nobody estimated or considered, the poses of the record, and the datum of given points.
 
     **Arguments:** `sensor`: with the solution put in; `point_m`: where each ray meets its point, world frame; `pixel_px`: where
-    it was measured; `known`: the places of the numbers that somebody did.
+    it was measured; `known`: the places of the numbers that somebody did; `given`: rays whose point was surveyed; `stated`:
+    whether errors of the poses were stated.
     """
     taken = {place for of in known for place in of}
     places = tuple(place for place in free_numbers(sensor) if place not in taken)
-    for place in places:
-        sensor = make_room(sensor, place)
+    sensor = make_room(sensor, *places)
     k = len(places)
     names = tuple(place.text for place in places)
     numbers = Parameters(jnp.zeros(k), jnp.ones(k), jnp.zeros((k, k)), names, tuple((place,) for place in places))
     point, pixel = (unstack(on_device(np.asarray(of, dtype=float))) for of in (point_m, pixel_px))
-    x, y, motion = (np.asarray(part) for part in _swept(sensor, shot, point, pixel, numbers))
+    x, y, motion, place = (np.asarray(part) for part in _swept(sensor, shot, point, pixel, numbers))
     columns = np.stack([x, y], axis=-1)
     kinked = [i for i, place in enumerate(places) if place.path[-1] in getattr(_owner(sensor, place), "kinks", ())]
     if kinked:
@@ -104,7 +128,29 @@ def suspects(
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
     most_usual = np.array([_largest(sensor, place) for place in places])
     usual = np.where(usual > most_usual, 0.0, usual)
-    return Suspects(names, sensor.names[0], tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
+    found = Suspects(
+        names, ("",) * k, sensor.names[0], tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion, place
+    )
+    if not stated:
+        found = _with(found, f"poses of {sensor.names[0]}", _MOTIONS, _POSE_UNITS, _POSE_USUAL, motion)
+    if given is not None and np.any(given):
+        axes, world_from_level = level_at(np.asarray(point_m)[np.asarray(given)].mean(axis=0))
+        moved = np.where(np.asarray(given)[:, None, None], place, 0.0) @ world_from_level
+        found = _with(found, DATUM, axes, (METRE,) * 3, (_DATUM_M,) * 3, moved)
+    return found
+
+
+def _with(
+    found: Suspects, what: str, parts: tuple[str, ...], units: tuple[Unit, ...], usual: tuple[float, ...], columns_px: np.ndarray
+) -> Suspects:
+    """With the components of something that all records, or all given points, have in common."""
+    return found._replace(
+        names=found.names + tuple(f"{what}, {part}" for part in parts),
+        kin=found.kin + (what,) * len(parts),
+        units=found.units + units,
+        usual=np.append(found.usual, usual),
+        columns_px=np.concatenate([found.columns_px, columns_px], axis=2),
+    )
 
 
 def _owner(sensor: Sensor, place: Address) -> Any:
@@ -147,8 +193,8 @@ def _usual(place: Address, length_px: float) -> float:
     return given if given is not None else 1 / length_px if length_px > 0 else 0.0
 
 
-def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, Array, Array]:
-    """By each number, (k, n) of x and of y, and by the six motions of the outermost frame, (n, 2, 6).
+def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, ...]:
+    """By each number, (k, n) of x and of y, by the six motions of the outermost frame, (n, 2, 6), and by the point, (n, 2, 3).
 
     By numbers of the camera where a ray was measured, not where it is projected: there the errors of the poses are in the place,
     and residuals would be explained by themselves. Across a detector line the measured offset is noise, and the line is taken.
@@ -169,8 +215,9 @@ def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: 
         )
     outermost = sensor.names[0]
     six = [found.follows(outermost, unit_motion(axis)) for axis in range(6)]
-    rows = [jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1) for of in zip(*six, strict=True)]
-    return x, y, jnp.stack(rows, -2)
+    each = lambda of: jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1)
+    rows = lambda pair: jnp.stack([each(of) for of in pair], -2)
+    return x, y, rows(zip(*six, strict=True)), rows(found.derivatives["earth"])
 
 
 def _seen_at(camera: AbstractCamera, pixel: Vec2, like: Vec3) -> Vec3:

@@ -22,9 +22,10 @@ class Unit(NamedTuple):
     factor: float
 
 
+METRE, ANGLE = Unit("m", 1.0), Unit("deg", math.degrees(1.0))
 _UNITS = {
-    "_m": Unit("m", 1.0),
-    "_rad": Unit("deg", math.degrees(1.0)),
+    "_m": METRE,
+    "_rad": ANGLE,
     "_s": Unit("ms", 1e3),
     "_px": Unit("px", 1.0),
 }
@@ -151,8 +152,7 @@ def admit(sensor: Sensor, unknowns: Sequence[Unknown]) -> Sensor:
             if place in places:
                 raise WhiskjaxError(f"unknown {unknown.name}: {place.text} is already estimated by another unknown")
             places.add(place)
-            sensor = make_room(sensor, place)
-    return sensor
+    return make_room(sensor, *(place for unknown in unknowns for place in unknown.places))
 
 
 def assign(sensor: Sensor, unknowns: Sequence[Unknown], values: Float[Numbers, " unknowns"]) -> Sensor:

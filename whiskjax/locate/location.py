@@ -69,6 +69,7 @@ class Location(eqx.Module):
     _pixel_px: Float[Array, "looks 2"]
     _shot: Shot
     is_estimated: tuple[bool, ...] = eqx.field(static=True)
+    states_poses: bool = eqx.field(static=True)
     kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
 
@@ -179,7 +180,8 @@ class Location(eqx.Module):
             away_s = np.asarray(self._time_s) - np.asarray(self._time_s)[-1]
             moved = away_s[:, None] * np.asarray(self.world_from_enu @ self.velocity_enu_mps)
         point = np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
-        return suspects(self._sensor, self._shot, point, self._pixel_px, self.estimate.places)
+        known, stated = self.estimate.places, self.states_poses
+        return suspects(self._sensor, self._shot, point, self._pixel_px, known, stated=stated)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:

@@ -1,7 +1,7 @@
 """`adjust` as a pure function: under jit, vmap and every derivative, by every array that goes in.
 
 One vector of amounts moves one kind of input each along a random direction; the answer is the unknown, all motions of stations
-and all points. Oracle: central differences of the same adjustments.
+and all points, with the sigmas of the unknown and the points. Oracle: central differences of the same adjustments.
 """
 
 import dataclasses
@@ -62,10 +62,11 @@ def adjusted(scene, t):
 
 
 def numbers(found):
-    """The unknown, the motions and the points, each in about its sigma."""
+    """The unknown, the motions and the points, each in about its sigma, and the sigmas."""
     photo = found.sensor["photo"]
     motions = jnp.concatenate([photo.turn_rad.ravel() / 1e-3, photo.shift_m.ravel()])
-    return jnp.concatenate([found.value / 3.0, motions, found.point_m.ravel() / 0.1])
+    sigma = jnp.sqrt(jnp.diagonal(found.covariance_m2, axis1=1, axis2=2)).ravel()
+    return jnp.concatenate([found.value / 3.0, motions, found.point_m.ravel() / 0.1, found.estimate.sigma / 3.0, sigma / 0.1])
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """Blocks whose residuals are fine and whose answer is not: check points and weights say so."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import whiskjax as wj
+from benchmarks.trust import block_spoils, block_spread, blocks
 from tests.estimate.block.frames import FREE, PLACE_M, POINTS, POS, frames
 
 CHECK = np.arange(3, 11)
@@ -159,3 +161,24 @@ def test_sigmas_are_pulled_to_what_was_given_once():
     assert twice.used.all() and 1.1 < once.components.factor[0] < 1.4
     np.testing.assert_allclose(twice.components.factor, once.components.factor, rtol=2e-2)
     np.testing.assert_allclose(twice.components.log_sigma, once.components.log_sigma, rtol=2e-2)
+
+
+def test_an_error_that_all_poses_share_is_named():
+    """Every position 0.3 m to the same side, where POS is stated to err by 5 cm, anew in every image."""
+    case = blocks.Blocks().draw(3, True)
+    spoiled, _ = block_spoils.pose(blocks.IMAGES, shift_m=0.3)(case, np.random.default_rng(0))
+    answer = blocks.Blocks().answer(spoiled)
+    (reason,) = [one for one in answer.reasons if one.kind == "one pose"]
+    assert reason.grade == "failure" and reason.figures["frame"] == "photo"
+    # The cause is what the record would have to be moved by: back.
+    shift = [float(x) for x in re.search(r"shifted by (\S+), (\S+), (\S+) m \(world frame\)", reason.text).groups()]
+    np.testing.assert_allclose(shift, np.array([-0.3, 0.3, -0.3]), atol=0.12)
+    assert "one pose" not in {one.kind for one in blocks.Blocks().answer(case).reasons}
+
+
+def test_kinds_of_observations_have_a_bound_of_their_own():
+    """POS that errs thrice as much as stated is named, beside rays in order."""
+    case = blocks.Blocks().draw(3, True)
+    spoiled, _ = block_spread.stated_pos(3.0)(case, np.random.default_rng(0))
+    (reason,) = [one for one in blocks.Blocks().answer(spoiled).reasons if one.kind == "a group too large"]
+    assert "POS position" in reason.figures["groups"] and "tie rays" not in reason.figures["groups"]

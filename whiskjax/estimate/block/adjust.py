@@ -146,7 +146,7 @@ def solve(prepared: Prepared, max_steps: int) -> Solved:
 def _followed(prepared: Prepared, solved: Solved) -> Solved:
     """The solution with its derivatives, and the equations there."""
     state = followed(prepared.ready, solved.state)
-    return eqx.tree_at(lambda s: (s.state, s.reduced), solved, (state, reduce(prepared.ready, state)[0]))
+    return eqx.tree_at(lambda s: (s.state, s.reduced), solved, (state, reduce(prepared.ready, state, True)[0]))
 
 
 def retimed(prepared: Prepared, state: State, unknowns: Knowledge, motions: StationErrors | None) -> Prepared:

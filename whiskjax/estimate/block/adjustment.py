@@ -20,7 +20,7 @@ from ..check_points import CheckTest
 from ..checks import CHECKS
 from ..errors import FrameErrors
 from ..estimate import Estimate
-from ..evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
+from ..evidence import Evidence, Held, Seen, Words, courses, groupings, kinks, numbered, records
 from ..model_test import consistency
 from ..reason import Reason, by_weight, is_sound, judged, warnings
 from ..suspects import Suspects, suspects
@@ -36,6 +36,7 @@ from .prepare import Prepared
 from .solve import Solved
 from .station_errors import StationErrors, at_stations
 from .weakness import data_rows
+from .weights import NAMES, groups_of
 
 _MOST = 0.5  # of the rays, that may be left out as wrong
 _WORDS = Words(
@@ -228,6 +229,7 @@ class Adjustment(eqx.Module):
             check=None if traced or int(codes_of(self.result)) else self.check,
             components=at.components,
             seen=measured,
+            held=() if traced or int(codes_of(self.result)) else self._held,
             suspects=None if traced or int(codes_of(self.result)) else self._suspects,
             fit=None if traced or int(codes_of(self.result)) else self._fitted,
         )
@@ -237,7 +239,15 @@ class Adjustment(eqx.Module):
         """What was taken as known."""
         point = np.asarray(self.point_m)
         point = np.where(np.isfinite(point), point, point[np.isfinite(point).all(axis=1)][0])
-        return suspects(self.sensor, self.block.shots(), point[self.block.point], self.block.pixel_px, self.estimate.places)
+        block, known = self.block, self.estimate.places
+        given = (block.role == "control")[block.point]
+        return suspects(self.sensor, block.shots(), point[block.point], block.pixel_px, known, given, self.motions is not None)
+
+    @cached_property
+    def _held(self) -> tuple[Held, ...]:
+        """Rays, surveyed points and POS: how large their errors are, and how much of them the others control."""
+        found = groups_of(self._prepared, self._solved.state, np.asarray(self.used), np.asarray(self._inverse))
+        return tuple(Held(*one) for one in zip(NAMES, found.squares.tolist(), found.redundancy.tolist(), strict=True))
 
     @cached_property
     def _fitted(self) -> BlockFitted:

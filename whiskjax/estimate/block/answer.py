@@ -46,7 +46,7 @@ def answer(
     seen = evaluate(ready, state)
     residual, code = prepared.by_ray(seen.residual_px), math.where(used, prepared.by_ray(seen.code).astype(np.int32), 0)
     point = prepared.point_m(state)
-    covariance = prepared.by_point(covariances(ready, state, jnp.asarray(inverse)))
+    covariance = prepared.by_point(covariances(ready, state, jnp.asarray(inverse), math is jnp))
     nowhere, lonely = prepared.lone(used), seen_once(block)
     point = math.where(nowhere[:, None], math.nan, point)
     covariance = math.where((nowhere | ~math.asarray(is_determined))[:, None, None], math.nan, covariance)

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from ...algebra.vectors import vsub
 from ...chain.imaging import into_camera
 from ...rules import compiled, first_failure
+from ...rules.rounds import rounds
 from .normal import chunk_rows
 from .prepare import Ready, State
 
@@ -36,10 +37,12 @@ def _evaluate(ready: Ready, state: State) -> Seen:
     return Seen(jnp.stack([x, y], -1), code)
 
 
-def _covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Float[Array, "chunks tiles points 3 3"]:
+def _covariances(
+    ready: Ready, state: State, inverse: Float[Array, "m m"], reversible: bool = False
+) -> Float[Array, "chunks tiles points 3 3"]:
     """Covariance of the points, m^2: V^-1 + V^-1 W^T S^-1 W V^-1 = L^-T (1 + Z S^-1 Z^T) L^-1.
 
-    **Arguments:** `inverse`: of the reduced normal matrix S.
+    **Arguments:** `inverse`: of the reduced normal matrix S; `reversible`: whether reverse mode has to pass.
     """
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
     stations, q = state.x.shape[1], state.u.shape[0]
@@ -76,8 +79,8 @@ def _covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Fl
 
         inner = jnp.eye(3)[:, :, None, None] + jnp.einsum("qitp,qr,rjtp->ijtp", rest, corner, rest)
         if width:
-            inner = jax.lax.fori_loop(0, chunk.units, add_unit, inner)
-            inner = jax.lax.fori_loop(0, chunk.pairs, add_pair, inner)
+            inner = rounds(chunk.units, len(rows.seen), add_unit, inner, reversible)
+            inner = rounds(chunk.pairs, len(chunk.pair), add_pair, inner, reversible)
         k00, k10, k11, k20, k21, k22 = rows.factor
         none = jnp.zeros_like(k00)
         lower = jnp.stack([jnp.stack(row, -1) for row in ((k00, none, none), (k10, k11, none), (k20, k21, k22))], -2)
@@ -87,4 +90,4 @@ def _covariances(ready: Ready, state: State, inverse: Float[Array, "m m"]) -> Fl
 
 
 evaluate = compiled(_evaluate, lambda ready, state: ready.rays)
-covariances = compiled(_covariances, lambda ready, state, inverse: ready.rays)
+covariances = compiled(_covariances, lambda ready, state, inverse, reversible=False: ready.rays)

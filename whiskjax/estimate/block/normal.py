@@ -20,6 +20,7 @@ from ...algebra.vectors import Component, Vec3, total
 from ...chain.sensor import Sensor
 from ...chain.stations import AbstractStations
 from ...rules import once
+from ...rules.rounds import rounds
 from .rays import Dependence, depend
 from .tiles import Chunk, Tiles, Unknowns
 
@@ -54,10 +55,11 @@ class Rows(NamedTuple):
     right: Vec3
 
 
-def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3) -> tuple[Normal, Vec3]:
+def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3, reversible: bool = False) -> tuple[Normal, Vec3]:
     """The normal equations of all rays and control points.
 
-    **Arguments:** `sensor`: with the current values put in; `points`: where the points are taken, (chunks, tiles, points) each.
+    **Arguments:** `sensor`: with the current values put in; `points`: where the points are taken, (chunks, tiles, points) each;
+    `reversible`: whether reverse mode has to pass.
 
     **Returns:** the normal equations, and the points moved to their optimum for this sensor.
     """
@@ -68,11 +70,11 @@ def accumulate(sensor: Sensor, unknowns: Unknowns, tiles: Tiles, points: Vec3) -
         normal, all_moved = carry  # `points` is only read: read and written in one carry, XLA copies it for every chunk
         chunk, at = tiles.chunk(k), tuple(c[k] for c in points)
         rows = chunk_rows(sensor, unknowns, chunk, at, tiles.width)
-        normal = _add_chunk(normal, chunk, at, rows)
+        normal = _add_chunk(normal, chunk, at, rows, reversible)
         moved = tuple(a + s for a, s in zip(at, backward(rows.factor, rows.right), strict=True))
         return normal, tuple(jax.lax.dynamic_update_index_in_dim(c, m, k, 0) for c, m in zip(all_moved, moved, strict=True))
 
-    return jax.lax.fori_loop(0, tiles.count, add, (nothing, points))
+    return rounds(tiles.count, tiles.chunks.units.shape[0], add, (nothing, points), reversible)
 
 
 def chunk_rows(sensor: Sensor, unknowns: Unknowns, chunk: Chunk, at: Vec3, width: int) -> Rows:
@@ -169,7 +171,7 @@ def backward(factor: Factor, v: Any) -> Vec3:
     return k00 * v[0] + k10 * v[1] + k20 * v[2], k11 * v[1] + k21 * v[2], k22 * v[2]
 
 
-def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows) -> Normal:
+def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows, reversible: bool) -> Normal:
     size, width = len(rows.rest), len(rows.window)
     off = tuple(a - b for a, b in zip(chunk.place, at, strict=True))
     pulled = total((p * o).sum() for p, o in zip(pull(chunk.prior, off), off, strict=True))
@@ -192,8 +194,9 @@ def _add_chunk(normal: Normal, chunk: Chunk, at: Vec3, rows: Rows) -> Normal:
         block = -(rows.seen[a] @ rows.seen[b].T)
         return _add(half, block.reshape(6, width, 6, width), (0, chunk.start[a], 0, chunk.start[b]))
 
-    half, border = jax.lax.fori_loop(0, chunk.units, add_unit, (normal.half, normal.border))
-    return Normal(jax.lax.fori_loop(0, chunk.pairs, add_pair, half), border, corner)
+    units, pairs = len(rows.seen), len(chunk.pair)
+    half, border = rounds(chunk.units, units, add_unit, (normal.half, normal.border), reversible)
+    return Normal(rounds(chunk.pairs, pairs, add_pair, half, reversible), border, corner)
 
 
 def _square(rows: Array) -> Array:

@@ -143,8 +143,7 @@ def prepare(
         for name, of in zip(others.names, others.places, strict=True):
             if any(place.link == motions.link for place in of):
                 raise WhiskjaxError(f"unknown {name} lives in {motions.link}, whose motions are estimated as its errors")
-        for field in ("turn_rad", "shift_m"):
-            sensor = make_room(sensor, Address(motions.link, (field,), (0, 0)))
+        sensor = make_room(sensor, *(Address(motions.link, (field,), (0, 0)) for field in ("turn_rad", "shift_m")))
         link = motions.stations(sensor)
         stations, segments = link.stations, link.segments
         _refuse_traced_nodes(motions.link, link)

@@ -45,11 +45,11 @@ class Solved(eqx.Module):
     result: RESULTS
 
 
-def equations(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
+def equations(ready: Ready, state: State, reversible: bool = False) -> tuple[Reduced, Vec3]:
     """The reduced equations at a state, and the points moved to their optimum."""
     stations, q = state.x.shape[1], state.u.shape[0]
     sensor = ready.unknowns.put(ready.sensor, state.x, state.u)
-    normal, points = accumulate(sensor, ready.unknowns, ready.tiles, state.points)
+    normal, points = accumulate(sensor, ready.unknowns, ready.tiles, state.points, reversible)
     m = 6 * stations
     half = normal.half.reshape(m, m)
     border = normal.border.reshape(m, q + 1)
@@ -69,7 +69,7 @@ def equations(ready: Ready, state: State) -> tuple[Reduced, Vec3]:
     return Reduced(matrix, right, cost), points
 
 
-reduce = compiled(equations, lambda ready, state: ready.rays)
+reduce = compiled(equations, lambda ready, state, reversible=False: ready.rays)
 
 
 class Iteration(eqx.Module):

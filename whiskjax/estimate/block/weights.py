@@ -6,6 +6,7 @@ alone: of N = N_g + rest, tr(N^-1 N_g) needs only the share of the group in the 
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from jaxtyping import Float
 from ...rules import WhiskjaxError
 from ...rules.progress import tell
 from ..variance_components import Components, Reweigh
+from .block import Block
 from .covariance import evaluate
 from .prepare import Prepared, State
 from .solve import Solved, gauss_newton, reduce
@@ -24,7 +26,7 @@ _SAME_FACTOR = 3e-3  # of a logarithm
 _LONGEST = np.log(3.0)  # a factor changes by at most this much in one round: redundancies move with it
 
 _TIES, _CONTROL, _TURN, _SHIFT = range(4)
-_NAMES = ("tie rays", "control and check points", "POS attitude", "POS position")
+NAMES = ("tie rays", "control and check points", "POS attitude", "POS position")
 
 
 def reweigh(
@@ -43,22 +45,21 @@ def reweigh(
     """
     asked, given_right = np.array([True, True, bool(rule.priors), bool(rule.priors)]), np.log(rule.spread) ** -2
     known = {} if before is None else dict(zip(before.names, np.log(before.factor), strict=True))
-    begun = np.array([known.get(name, 0.0) for name in _NAMES])
+    begun = np.array([known.get(name, 0.0) for name in NAMES])
     block, log_factor = prepared.block, begun.copy()
-    marked = block.role[block.point] != "tie"
-    given = prepared
+    given, marked = prepared, _marked(block)
     for i in range(_ROUNDS):
         tell(f"weights: round {i + 1}")
-        squares, redundancy, count = _groups(prepared, solved, used, marked)
+        squares, redundancy, _ = groups_of(prepared, solved.state, used, _inverse(solved))
         step = np.where(asked & (redundancy > 0.5), _step(squares, redundancy, log_factor, given_right), 0.0)
         if np.abs(step).max() < _SAME_FACTOR:
             break
         log_factor += step
         prepared = _rescaled(given, np.exp(log_factor - begun), solved.state, used, marked)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
-    _, redundancy, count = _groups(prepared, solved, used, marked)
+    _, redundancy, count = groups_of(prepared, solved.state, used, _inverse(solved))
     there = asked & (count > 0)
-    names = tuple(name for name, some in zip(_NAMES, there, strict=True) if some)
+    names = tuple(name for name, some in zip(NAMES, there, strict=True) if some)
     is_prior = np.array([False, False, True, True])[there]
     expected = np.maximum((redundancy + given_right * log_factor)[there], 0.0)
     uncertain = 1 / np.sqrt(2 * expected + given_right)
@@ -105,12 +106,21 @@ def _rescaled(given: Prepared, factor: np.ndarray, state: State, used: np.ndarra
     return dataclasses.replace(prepared, ready=eqx.tree_at(lambda r: r.roots, prepared.ready, roots))
 
 
-def _groups(
-    prepared: Prepared, solved: Solved, used: np.ndarray, marked: np.ndarray
-) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 4"], np.ndarray]:
+class Groups(NamedTuple):
     """Sums of squares, redundancies and numbers of observations of the four groups."""
-    ready, state, block = prepared.ready, solved.state, prepared.block
-    inverse = np.linalg.inv(np.asarray(solved.reduced.matrix))
+
+    squares: Float[np.ndarray, " 4"]
+    redundancy: Float[np.ndarray, " 4"]
+    count: Float[np.ndarray, " 4"]
+
+
+def groups_of(prepared: Prepared, state: State, used: np.ndarray, inverse: Float[np.ndarray, "m m"]) -> Groups:
+    """What the four groups have at a solution.
+
+    **Arguments:** `used`: rays that take part; `inverse`: of the reduced normal matrix.
+    """
+    ready, block = prepared.ready, prepared.block
+    marked = _marked(block)
     # Of turns and of shifts, and what of them moves: rows of an axis that stays take it, and are no observations.
     roots, size = np.asarray(ready.roots), state.x.size
     groups, _, stretch = roots.shape
@@ -139,4 +149,13 @@ def _groups(
     count = [2 * int((some & ~marked).sum()), 2 * int((some & marked).sum()) + 3 * int(control.sum())]
     count += [int(n) for n in pos_count]
     used_up = [taken_ties + 3 * ties, taken_marked + 3 * (others + int(control.sum())), *pos_taken]
-    return np.array(squares, dtype=float), np.array(count) - np.array(used_up), np.array(count)
+    return Groups(np.array(squares, dtype=float), np.array(count) - np.array(used_up), np.array(count))
+
+
+def _marked(block: Block) -> np.ndarray:
+    """Rays of surveyed points."""
+    return block.role[block.point] != "tie"
+
+
+def _inverse(solved: Solved) -> Float[np.ndarray, "m m"]:
+    return np.linalg.inv(np.asarray(solved.reduced.matrix))
