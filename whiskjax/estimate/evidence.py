@@ -17,6 +17,7 @@ from ..chain.shot import KEYS, Shot
 from ..rules import arrays_of
 from .check_points import CheckTest
 from .estimate import Estimate
+from .far_turns import FarTurn
 from .fitted import AbstractFitted
 from .suspects import Suspects, Suspicions, tested
 from .variance_components import Components
@@ -90,6 +91,7 @@ class Evidence:
     - `suspects`: what numbers that nobody estimated do to the pixels, and every image's own pose.
     - `fit`: the residuals and what the fit took of them; None while tracing, and of batches.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
+    - `turned`: angles that ended far from their start, and the axes that would keep them small; none while tracing.
     """
 
     estimate: Estimate
@@ -105,6 +107,7 @@ class Evidence:
     check: CheckTest | None = None
     components: Components | None = None
     kinks: tuple[tuple[str, str], ...] = ()
+    turned: tuple[FarTurn, ...] = ()
     widened: Float[Any, " k"] | float = 0.0
     suspects: Suspects | None = None
     fit: AbstractFitted | None = None
