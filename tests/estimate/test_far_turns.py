@@ -61,7 +61,7 @@ def test_axes_that_are_wrong_are_named(flight):
 
 
 def test_a_block_says_so_too():
-    """The camera's axes are those of the photo; given as turned by a quarter, the mount turns them back, 50 deg from its start."""
+    """The camera's axes are those of the photo; given as turned by a quarter, the mount turns back, 50 deg from its start."""
     sensor, block, _, truth = frames()
     links = {"photo": sensor["photo"], "back": wj.Axes("y -x z"), "mount": wj.Mount(angles_rad=np.radians([0.0, 0.0, -40.0]))}
     unknowns = [wj.Unknown(f"angle {i}", f"mount.angles_rad[{i}]", scale=0.01) for i in range(3)]
