@@ -22,9 +22,9 @@ from .chain.imaging import project as project
 from .chain.imaging import ray as ray
 from .chain.joints import joint_derivatives as joint_derivatives
 from .chain.line_camera import LineCamera as LineCamera
-from .chain.line_camera import LookTable as LookTable
 from .chain.lines import LineTimes as LineTimes
 from .chain.link import AbstractLink as AbstractLink
+from .chain.look_table import LookTable as LookTable
 from .chain.mounts import Axes as Axes
 from .chain.mounts import Mount as Mount
 from .chain.pose import Motion as Motion

@@ -104,6 +104,7 @@ PARTS = {
     "shift_m": ((4, 3), lambda **absent: wj.PosePerImage(np.ones((4, 3)), [[0, 0, 0, 1.0]] * 4, **absent)),
     "distortion": ((5,), lambda **absent: wj.FrameCamera(1000.0, (1.0, 2.0), **absent)),
     "deformation_px": ((2, 4), lambda **absent: wj.LineCamera(1000.0, half_width_px=50.0, **absent)),
+    "wave_px": ((2, 2), lambda **absent: wj.LineCamera(1000.0, wavelength_px=400.0, **absent)),
 }
 
 

@@ -26,6 +26,15 @@ CAMERAS = {
     "line along y, deformed": wj.LineCamera(
         5000.0, 2000.0, -700.0, -1.0, -1.0, deformation_px=DEFORMATION, half_width_px=2000.0, along="y"
     ),
+    "line along x, in waves": wj.LineCamera(
+        5000.0,
+        2000.0,
+        200.0,
+        deformation_px=DEFORMATION,
+        half_width_px=2000.0,
+        wave_px=[[0.3, -2.0], [1.0, 0.4]],
+        wavelength_px=700.0,
+    ),
     "look table": wj.LookTable(SAMPLES, np.stack([(SAMPLES - 2000) / 5000, 0.02 + 1e-9 * SAMPLES**2, -1 + 1e-6 * SAMPLES], -1)),
 }
 

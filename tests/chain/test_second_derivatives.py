@@ -19,12 +19,16 @@ CAMERAS = {
     "line": wj.LineCamera(
         8000.0, 2000.0, 300.0, deformation_px=[[5.0, 90.0, 4, -2], [-3.0, 3, 20, 1.5]], half_width_px=2000.0, samples_px=(0, 4000)
     ),
+    "line in waves": wj.LineCamera(
+        8000.0, 2000.0, 300.0, samples_px=(0, 4000), wave_px=[[3.0, 20.0], [-9.0, 15.0]], wavelength_px=1500.0
+    ),
     "table": wj.LookTable(SAMPLES, np.stack([(SAMPLES - 2000) / 5000, 0.02 + 1e-9 * SAMPLES**2, -1 + 1e-6 * SAMPLES], -1)),
 }
 # What of a camera is differentiated, and over which steps: the image moves by some tens of pixels.
 PARTS = {
     "frame": (lambda c: (c.focal_px, c.principal_point_px, c.distortion), [10.0, 10.0, 10.0, 0.1, 0.3, 1.0, 0.03, 0.03]),
     "line": (lambda c: (c.focal_px, c.offset_px, c.deformation_px), [10.0, 10.0, *[10.0] * 8]),
+    "line in waves": (lambda c: (c.focal_px, c.wave_px), [10.0] * 5),
     "table": (lambda c: (), []),
 }
 MOUNT_RAD = [0.01, 0.02, 0.03]

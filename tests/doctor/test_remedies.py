@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import whiskjax as wj
 from tests.doctor.scenes import SIMULATED
 from tests.doctor.spoils import attitudes, is_cure, named, recorded
-from whiskjax.doctor.axes_remedies import CONVENTIONS
+from whiskjax.chain.mounts import CONVENTIONS
 from whiskjax.doctor.conventions import conventions
 from whiskjax.doctor.poses import about, omega_phi_kappa, roll_pitch_heading
 from whiskjax.doctor.robust import Rows, fit

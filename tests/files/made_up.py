@@ -54,7 +54,17 @@ def scanner() -> wj.Flight:
     looks = np.stack([np.linspace(-0.1, 0.1, 21), 0.001 * np.cos(np.arange(21)), -np.ones(21)], axis=-1)
     cameras = {
         "fore": wj.LineCamera(
-            5000.0, 512.5, 300.0, -1.0, 1.0, 1e-2 * rng.normal(size=(2, 4)), 500.0, np.array([0.0, 1023.0]), along="y"
+            5000.0,
+            512.5,
+            300.0,
+            -1.0,
+            1.0,
+            1e-2 * rng.normal(size=(2, 4)),
+            500.0,
+            np.array([0.0, 1023.0]),
+            along="y",
+            wave_px=[[0.1, -0.2], [0.3, 0.05]],
+            wavelength_px=200.0,
         ),
         "aft look": wj.LookTable(np.arange(21) * 50.0, looks),
     }

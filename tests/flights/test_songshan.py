@@ -105,10 +105,26 @@ def test_measured_is_imaged_plus_noise(drawn):
     np.testing.assert_array_equal(block.pixel_px[:, 1], 0.0)
     for role, sigma in (("tie", 0.5), (("control", "check"), 0.3)):
         here = np.isin(block.role[block.point], role)
-        np.testing.assert_array_equal(block.sigma_px[here], sigma)
+        np.testing.assert_array_equal(block.sigma_px[here, 0], sigma)
         normal = error[here] / sigma
         np.testing.assert_allclose((normal**2).mean(axis=0), 1.0, rtol=0, atol=4 * math.sqrt(2 / here.sum()))
         assert abs((normal[:, 0] * normal[:, 1]).mean()) < 4 / math.sqrt(here.sum())
+
+
+def test_a_line_is_known_by_the_local_rate(drawn):
+    """Its sigma is stated in pixels across the line, by how far the textbook's image goes on in the time of a line.
+
+    Both by the recorded poses, whose errors change from sample to sample by as much as 1 % of the rate; what is left is the
+    mounts, and the detector's scale of 0.003.
+    """
+    _, d = drawn
+    textbook, time, rates = Textbook(d.sensor["body"]), np.asarray(d.block.key("time_s")), []
+    for i in np.random.default_rng(1).choice(len(d.block), 40, replace=False):
+        view, point = songshan.VIEWS[d.block.key("view")[i]], d.point_m[d.block.point[i]]
+        before, after = (textbook.beside(view, point, time[i] + side * songshan.LINE_S / 2)[1] for side in (-1, 1))
+        rates.append(abs(after - before))
+        assert d.block.sigma_px[i, 1] / d.block.sigma_px[i, 0] == pytest.approx(rates[-1], rel=0.003)
+    assert max(rates) > 1.3 * min(rates)
 
 
 COUNTS = {"A": (70, 50, 20, 21), "B": (54, 40, 14, 5)}
@@ -253,6 +269,27 @@ def test_cubics_follow_the_detector():
         pixel = np.stack(camera.pixel((x, y, z)), axis=-1) - np.stack([sample, np.zeros(500)], axis=-1)
         assert np.abs(pixel).max() < 0.45
         np.testing.assert_allclose(np.sqrt((pixel**2).mean(axis=0)), 0.177, rtol=0.2)
+
+
+def test_the_wave_is_what_the_cubics_lack():
+    """With waves of 0.25 px, sine across the line and cosine along it, the camera is the detector but for a little of r^5."""
+    sample = np.linspace(0, 32755, 500)
+    wave = [(np.sin, np.cos)[i](2 * np.pi * (sample - 16377.5) / 4000) for i in (0, 1)]
+    names = [x.name for x in songshan.wave_unknowns()]
+    assert names[:4] == ["wave_as_forward", "wave_ac_forward", "wave_bs_forward", "wave_bc_forward"] and len(names) == 12
+    recorded = songshan.sensor(B, songshan.Path.draw(jax.random.key(0)).recorded(B.data.strips, 1.0))
+    waved = wj.assign(recorded, songshan.wave_unknowns(), np.tile([0.25, 0.0, 0.0, 0.25], 3)).camera
+    for view in songshan.VIEWS:
+        dx, dy = songshan_draw.deformation_px(view, sample)
+        s, smooth = sample / 16377.5 - 1, (dy - 0.25 * wave[1], dx - 0.25 * wave[0])
+        cubic = [np.polynomial.polynomial.polyfit(s, d, 3) for d in smooth]
+        left = np.stack([np.polynomial.polynomial.polyval(s, c) - d for c, d in zip(cubic, smooth, strict=True)], axis=-1)
+        camera = dataclasses.replace(waved[view], deformation_px=np.array(cubic))
+        looks = songshan_draw.detector(view).direction((sample, np.zeros(500)))
+        x, y, z = (np.broadcast_to(np.asarray(c, dtype=float), 500) for c in looks)
+        pixel = np.stack(camera.pixel((x, y, z)), axis=-1) - np.stack([sample, np.zeros(500)], axis=-1)
+        # Sample and line exchange (1 + slope): the cubics' slopes are 0.004 px to a px, and the table is linear.
+        np.testing.assert_allclose(pixel, left * (-1, -1), rtol=0, atol=3e-3)
 
 
 @pytest.mark.parametrize("basis", ["orientation images", "spline"])

@@ -83,3 +83,37 @@ def test_calibration_is_that_of_scipy(pair):
 
 def _split(v):
     return v[:3], v[3], v[4]
+
+
+BAND = 3.6  # of chi-square over its five degrees: 99.7 % of clean pairs lie below
+
+
+def _halves(flight):
+    """The rows before and after the middle in time, and the converter's unknowns without priors."""
+    seen = flight.observations()
+    order = np.argsort(np.asarray(seen.shot.time_s), kind="stable")
+    unknowns = [wj.Unknown(x.name, x.where, scale=x.sigma) for x in flight.unknowns]
+    return [seen.take(order[: len(order) // 2]), seen.take(order[len(order) // 2 :])], unknowns
+
+
+def _apart(a, b):
+    difference = a.value - b.value
+    return float(difference @ np.linalg.solve(a.estimate.covariance + b.estimate.covariance, difference)) / len(difference)
+
+
+def test_halves_agree_or_say_what_would_cure_them(pair):
+    """Calibrated apart they agree within their sigmas, or each half that does not is unsound and states the errors; with these
+    given, the halves are sound and agree."""
+    flight, *_ = pair
+    halves, unknowns = _halves(flight)
+    plain = [wj.calibrate(flight.sensor, half, unknowns) for half in halves]
+    cures = []
+    for answer in plain:
+        said = [reason for reason in answer.reasons if reason.kind == "residuals hang together"]
+        assert answer.is_sound or (said and said[0].grade == "failure" and said[0].figures["frame"] == "aircraft")
+        cures.append([wj.FrameErrors(**stated) for reason in said for stated in reason.figures["errors"]])
+        print(flight.name, answer.is_sound, *(reason.text for reason in said))
+    assert _apart(*plain) <= BAND or not any(answer.is_sound for answer in plain)
+    cured = [wj.calibrate(flight.sensor, half, unknowns, errors=cure) for half, cure in zip(halves, cures, strict=True)]
+    print(f"{flight.name}: chi-square / 5 of the halves {_apart(*plain):.3g}, with the errors stated {_apart(*cured):.3g}")
+    assert all(answer.is_sound for answer in cured) and _apart(*cured) <= BAND

@@ -102,6 +102,8 @@ TAKES = {
             "deformation_px": np.zeros((2, 3)),
             "half_width_px": THREE,
             "samples_px": THREE,
+            "wave_px": np.zeros((2, 3)),
+            "wavelength_px": THREE,
         },
         others="along",
     ),

@@ -1,6 +1,6 @@
-"""Line cameras: a detector line in the focal plane, or a table of looks."""
+"""Line cameras: a detector line in the focal plane."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.implicit import implicit
-from ..algebra.vectors import Component, Vec2, Vec3, cross, dot, norm, scale, unstack
+from ..algebra.vectors import Component, Vec2, Vec3, norm, unstack
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced
 from ..rules.results import choose, failure_if
 from .camera import AbstractCamera, common_batch, parameter
@@ -31,7 +31,8 @@ class LineCamera(AbstractCamera):
 
     Pixels are (sample, line offset): the sample along the detector, and how far across it in pixels the point is imaged, zero
     when the shot's time is exactly right. Sample s lies at along = along_sign (s - principal_sample_px) and across = offset_px,
-    plus, with self-calibration, two cubics in (s - principal) / half_width_px: the detector line as it really lies.
+    plus, with self-calibration, two cubics in (s - principal) / half_width_px and two waves of one wavelength: the detector line
+    as it really lies.
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
     one line is `px_per_line` of them.
@@ -45,10 +46,12 @@ class LineCamera(AbstractCamera):
     - `along_sign`, `across_sign`: +1 or -1; across_sign tells on which side the line offset counts positive (a whiskbroom's
       image y = s * camera y, with s by swing, is `across_sign` = s).
     - `deformation_px`: (2, 4), along and across, coefficients of 1, s, s^2, s^3; or None.
+    - `wave_px`: (2, 2), along and across, coefficients of sine and cosine of 2 pi (s - principal) / `wavelength_px`; or None.
+      What repeats along a detector no cubic follows: an error of the camera that all rays of a sample share.
     - `samples_px`: first and last sample of the detector, or None where it does not matter.
     """
 
-    given: ClassVar = ("along_sign", "across_sign", "half_width_px", "samples_px")
+    given: ClassVar = ("along_sign", "across_sign", "half_width_px", "samples_px", "wavelength_px")
     focal_px: Float[Array, "..."] = eqx.field(converter=parameter)
     principal_sample_px: Float[Array, "..."] = eqx.field(converter=parameter)
     offset_px: Float[Array, "..."] = eqx.field(converter=parameter)
@@ -58,6 +61,8 @@ class LineCamera(AbstractCamera):
     half_width_px: Float[Array, "..."] = eqx.field(converter=parameter)
     samples_px: Float[Array, "*batch 2"] | None = eqx.field(converter=parameter)
     along: str = eqx.field(static=True)
+    wave_px: Float[Array, "*batch 2 2"] | None = eqx.field(converter=parameter)
+    wavelength_px: Float[Array, "..."] | None = eqx.field(converter=parameter)
 
     def __init__(
         self,
@@ -70,8 +75,11 @@ class LineCamera(AbstractCamera):
         half_width_px: Float[Numbers, "..."] = 1.0,
         samples_px: Float[Numbers, "*batch 2"] | None = None,
         along: str = "x",
+        wave_px: Float[Numbers, "*batch 2 2"] | None = None,
+        wavelength_px: Float[Numbers, "..."] | None = None,
     ):
-        """**Raises:** `WhiskjaxError` for other shapes than these, lengths that are not positive, signs that are none."""
+        """**Raises:** `WhiskjaxError` for other shapes than these, lengths that are not positive, signs that are none, a wave
+        without a wavelength."""
         arrays = Arrays("LineCamera")
         self.focal_px = arrays.take("focal_px", focal_px, "...", finite=True, above=0.0, meaning="a number of pixels")
         self.principal_sample_px = arrays.take("principal_sample_px", principal_sample_px, "...", finite=True)
@@ -87,16 +95,24 @@ class LineCamera(AbstractCamera):
         if along not in ("x", "y"):
             raise WhiskjaxError(f"LineCamera: a detector line lies along x or y, not {along!r}")
         self.along = along
+        waves = "along and across, coefficients of sine and cosine"
+        self.wave_px = arrays.take("wave_px", wave_px, "... 2 2", optional=True, finite=True, meaning=waves)
+        self.wavelength_px = arrays.take("wavelength_px", wavelength_px, "...", optional=True, finite=True, above=0.0)
+        if self.wave_px is not None and self.wavelength_px is None:
+            arrays.refuse("wavelength_px", "is None, but there is a wave_px: say how long it is")
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """A straight line."""
+        if field == "wave_px" and self.wavelength_px is not None:
+            return np.zeros((2, 2))
         return np.zeros((2, 4)) if field == "deformation_px" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """That of its numbers."""
         numbers = self.focal_px, self.principal_sample_px, self.offset_px, self.along_sign, self.across_sign, self.half_width_px
-        return common_batch(*((n, 0) for n in numbers), (self.deformation_px, 2), (self.samples_px, 1))
+        lines = (self.deformation_px, 2), (self.wave_px, 2), (self.samples_px, 1), (self.wavelength_px, 0)
+        return common_batch(*((n, 0) for n in numbers), *lines)
 
     @property
     def is_line(self) -> bool:
@@ -114,24 +130,27 @@ class LineCamera(AbstractCamera):
     def _axes(self, q: Vec3) -> Vec2:
         return (q[0], q[1]) if self.along == "x" else (q[1], q[0])
 
+    def _bend(self, row: int) -> "_Bend | None":
+        """By how much samples lie beside the straight line, along it (0) or across it (1); None where nothing says so."""
+        if self.deformation_px is None and self.wave_px is None:
+            return None
+        cubic, wave = (None if a is None else a[..., row, :] for a in (self.deformation_px, self.wave_px))
+        return _Bend(cubic, self.half_width_px, wave, None if wave is None else self.wavelength_px)
+
     def _deformation(self, s: Component) -> Vec2:
-        if self.deformation_px is None:
-            return 0, 0
-        u = s / self.half_width_px
-        return _cubic(self.deformation_px[..., 0, :], u), _cubic(self.deformation_px[..., 1, :], u)
+        along, across = self._bend(0), self._bend(1)
+        return (0, 0) if along is None or across is None else (along.at(s), across.at(s))
 
     def _sample(self, along: Component) -> Component:
         """The centred sample whose deformed position is `along`; where there is none, whatever is finite."""
-        if self.deformation_px is None:
+        if (bend := self._bend(0)) is None:
             return along
-        given = self.deformation_px[..., 0, :], self.half_width_px, along
-        coefficients, half_width, aim = jax.lax.stop_gradient(given)
+        held, aim = jax.lax.stop_gradient((bend, along))
         s = aim
         for _ in range(_NEWTON_STEPS):
-            u = s / half_width
-            slope = 1 + (coefficients[..., 1] + u * (2 * coefficients[..., 2] + u * (3 * coefficients[..., 3]))) / half_width
-            s = s - (s + _cubic(coefficients, u) - aim) / jnp.where(slope == 0, 1.0, slope)
-        return implicit(_lies_beside, (jnp.where(jnp.isfinite(s), s, aim),), *given)[0]
+            slope = 1 + held.slope(s)
+            s = s - (s + held.at(s) - aim) / jnp.where(slope == 0, 1.0, slope)
+        return implicit(_lies_beside, (jnp.where(jnp.isfinite(s), s, aim),), bend, along)[0]
 
     def pixel(self, q: Vec3) -> Vec2:
         """(sample, line offset) of a direction."""
@@ -171,7 +190,7 @@ class LineCamera(AbstractCamera):
         """Tangent of half the angle between the direction and the plane of the detector line and the projection centre."""
         a, c = self._axes(q)
         f, place = self.focal_px, self.offset_px
-        if self.deformation_px is not None:
+        if self._bend(1) is not None:
             # The sample that will image the point does not change while the camera turns about the line: it follows from the
             # distance to the line, which stays finite where q_z does not.
             distance = norm((c, q[2]))
@@ -183,119 +202,39 @@ class LineCamera(AbstractCamera):
         return self.across_sign * sine / (norm((sine, cosine)) + cosine)
 
 
-def _cubic(coefficients: Float[Array, "*batch 4"], u: Component) -> Component:
-    c0, c1, c2, c3 = unstack(coefficients)
-    return c0 + u * (c1 + u * (c2 + u * c3))
+class _Bend(NamedTuple):
+    """One coordinate of a detector line: a cubic in s / half_width, and a wave."""
+
+    cubic: Float[Array, "*batch 4"] | None
+    half_width_px: Component
+    wave: Float[Array, "*batch 2"] | None
+    wavelength_px: Component | None
+
+    def at(self, s: Component) -> Component:
+        """By how much a centred sample lies beside the straight line."""
+        beside: Component = 0
+        if self.cubic is not None:
+            c0, c1, c2, c3 = unstack(self.cubic)
+            u = s / self.half_width_px
+            beside = c0 + u * (c1 + u * (c2 + u * c3))
+        if self.wave is not None:
+            phase = 2 * np.pi * s / self.wavelength_px
+            beside = beside + self.wave[..., 0] * jnp.sin(phase) + self.wave[..., 1] * jnp.cos(phase)
+        return beside
+
+    def slope(self, s: Component) -> Component:
+        """How that changes from sample to sample."""
+        slope: Component = 0
+        if self.cubic is not None:
+            u = s / self.half_width_px
+            slope = (self.cubic[..., 1] + u * (2 * self.cubic[..., 2] + u * (3 * self.cubic[..., 3]))) / self.half_width_px
+        if self.wave is not None:
+            rate = 2 * np.pi / self.wavelength_px
+            slope = slope + rate * (self.wave[..., 0] * jnp.cos(rate * s) - self.wave[..., 1] * jnp.sin(rate * s))
+        return slope
 
 
-def _lies_beside(
-    sample: tuple[Component], coefficients: Float[Array, "*batch 4"], half_width_px: Component, along: Component
-) -> tuple[Component]:
+def _lies_beside(sample: tuple[Component], bend: _Bend, along: Component) -> tuple[Component]:
     """What vanishes at the centred sample whose deformed position is `along`."""
     (s,) = sample
-    return (s + _cubic(coefficients, s / half_width_px) - along,)
-
-
-class LookTable(AbstractCamera):
-    """Measured look directions of the samples of a line camera, linear between samples.
-
-    Pixels are (sample, line offset) as in `LineCamera`; beyond the first and last look the end segments go on for `pixel`, and
-    `sees` says that the sample is not on the detector.
-
-    **Arguments:**
-
-    - `sample_px`: (n,), strictly increasing.
-    - `direction`: (n, 3) in the camera frame (looking along -z), any length.
-    """
-
-    given: ClassVar = ("sample_px",)
-    sample_px: Float[Array, " n"]
-    slope: Float[Array, "n 2"]  # image point at focal length 1: (-x/z, -y/z)
-
-    def __init__(self, sample_px: Any, direction: Any):
-        """**Raises:** `WhiskjaxError` for shapes that do not fit, samples that do not advance, looks that are not along -z."""
-        arrays = Arrays("LookTable")
-        sample = np.asarray(arrays.take("sample_px", sample_px, "n", finite=True))
-        d = np.asarray(arrays.take("direction", direction, "n 3", meaning="one direction for each sample"))
-        if len(sample) < 2:
-            arrays.refuse("sample_px", f"has shape {sample.shape}; a look table has at least two samples")
-        if not (np.diff(sample) > 0).all():
-            raise WhiskjaxError("the samples of a look table must increase")
-        if not (d[:, 2] < 0).all():
-            raise WhiskjaxError("a look table looks along -z: the z of every direction is negative (use an Axes link before it)")
-        slope = d[:, :2] / -d[:, 2:]
-        chord = slope[-1] - slope[0]
-        if not (np.diff(slope @ chord) > 0).all():
-            raise WhiskjaxError("the looks of a look table must advance along the detector from sample to sample")
-        self.sample_px, self.slope = jnp.asarray(sample), jnp.asarray(slope)
-
-    @property
-    def is_line(self) -> bool:
-        """Yes."""
-        return True
-
-    def at(self, shot: Shot) -> "LookTable":
-        """The same for every shot."""
-        return self
-
-    def check(self, shot: Shot) -> RESULTS:
-        """The same for every shot."""
-        return RESULTS.successful
-
-    def _segment(self, i: Any) -> tuple[Vec2, Vec2, Component]:
-        """Start, step per sample and first sample of segment i."""
-        x, y = self.slope[:, 0], self.slope[:, 1]
-        length = self.sample_px[i + 1] - self.sample_px[i]
-        return (x[i], y[i]), ((x[i + 1] - x[i]) / length, (y[i + 1] - y[i]) / length), self.sample_px[i]
-
-    def _find(self, q: Vec3) -> tuple[Any, Vec2]:
-        """Segment that a direction belongs to, by its place along the chord, and the image point at focal length 1."""
-        point = -q[0] / q[2], -q[1] / q[2]
-        chord = self.slope[-1] - self.slope[0]
-        knots = self.slope @ chord
-        place = point[0] * chord[0] + point[1] * chord[1]
-        i = jnp.searchsorted(knots, place, side="right").astype(jnp.int32) - 1
-        return jnp.clip(i, 0, self.sample_px.shape[0] - 2), point
-
-    def pixel(self, q: Vec3) -> Vec2:
-        """(sample, line offset) of a direction; the offset is in units of the segment's sample spacing."""
-        i, point = self._find(q)
-        start, step, first = self._segment(i)
-        dx, dy = point[0] - start[0], point[1] - start[1]
-        w = 1 / (step[0] * step[0] + step[1] * step[1])
-        return first + (dx * step[0] + dy * step[1]) * w, (step[0] * dy - step[1] * dx) * w
-
-    def direction(self, pixel: Vec2) -> Vec3:
-        """Direction of a (sample, line offset)."""
-        i = jnp.searchsorted(self.sample_px, pixel[0], side="right").astype(jnp.int32) - 1
-        start, step, first = self._segment(jnp.clip(i, 0, self.sample_px.shape[0] - 2))
-        s, c = pixel[0] - first, pixel[1]
-        return start[0] + s * step[0] - c * step[1], start[1] + s * step[1] + c * step[0], -1
-
-    def check_direction(self, q: Vec3) -> RESULTS:
-        """In front of the camera."""
-        return failure_if(~(q[2] < 0), RESULTS.point_behind_camera)
-
-    def check_pixel(self, pixel: Vec2) -> RESULTS:
-        """Every pixel has a direction."""
-        return RESULTS.successful
-
-    def sees(self, pixel: Vec2) -> Bool[Array, "..."] | bool:
-        """Between the first and the last look."""
-        return (pixel[0] >= self.sample_px[0] - 0.5) & (pixel[0] <= self.sample_px[-1] + 0.5)
-
-    def ends(self) -> tuple[Component, ...]:
-        """The first and the last look."""
-        return self.sample_px[0], self.sample_px[-1]
-
-    def miss(self, q: Vec3) -> Component:
-        """Tangent of half the angle between the direction and the plane of its segment."""
-        i, _ = self._find(q)
-        start, step, _ = self._segment(i)
-        # Unit vectors: along the segment, normal to the plane that it spans with the projection centre, and the third.
-        w = 1 / norm(step)
-        along: Vec3 = (step[0] * w, step[1] * w, 0)
-        normal: Vec3 = (-along[1], along[0], along[0] * start[1] - along[1] * start[0])
-        normal = scale(1 / norm(normal), normal)
-        sine, cosine = dot(normal, q), dot(cross(normal, along), q)
-        return sine / (norm((sine, cosine)) + cosine)
+    return (s + bend.at(s) - along,)

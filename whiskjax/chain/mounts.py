@@ -1,5 +1,6 @@
 """Constant links: a mount with lever arm and small angles, and a signed permutation of axes."""
 
+import itertools
 import re
 
 import equinox as eqx
@@ -94,3 +95,17 @@ class Axes(AbstractLink):
     def check(self, shot: Shot) -> RESULTS:
         """Always known."""
         return RESULTS.successful
+
+
+def _right_handed(axes: str) -> bool:
+    is_even = axes.replace("-", "") in ("x y z", "y z x", "z x y")
+    return is_even == (axes.count("-") % 2 == 0)
+
+
+# All that axes can be: the 24 signed permutations that are rotations.
+CONVENTIONS = tuple(
+    axes
+    for order in itertools.permutations("xyz")
+    for signs in itertools.product(("", "-"), repeat=3)
+    if _right_handed(axes := " ".join(map("".join, zip(signs, order, strict=True))))
+)

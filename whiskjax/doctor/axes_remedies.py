@@ -1,32 +1,16 @@
 """Axes that point elsewhere: the 24 signed permutations that are rotations."""
 
 import dataclasses
-import itertools
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
-from ..chain.mounts import Axes
+from ..chain.mounts import CONVENTIONS, Axes
 from ..chain.sensor import Sensor
 from ..flights.flight import Flight
 from .poses import with_links
 from .remedy import Remedy, constant
 
 CAMERA_AXES = "camera_axes"
-
-
-def _conventions() -> Iterator[str]:
-    for order in itertools.permutations("xyz"):
-        for signs in itertools.product((1, -1), repeat=3):
-            matrix = np.zeros((3, 3))
-            for column, (axis, sign) in enumerate(zip(order, signs, strict=True)):
-                matrix["xyz".index(axis), column] = sign
-            if np.linalg.det(matrix) > 0:
-                yield " ".join(("-" if s < 0 else "") + a for a, s in zip(order, signs, strict=True))
-
-
-CONVENTIONS = tuple(_conventions())
 SAME = "x y z"
 
 

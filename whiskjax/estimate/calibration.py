@@ -17,6 +17,7 @@ from .check_points import UNTESTED, CheckTest, check_test, common_shift, joint_c
 from .checks import CHECKS
 from .estimate import Estimate
 from .evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
+from .far_turns import far_turns
 from .fitted import Dense
 from .linearised import LeastSquares, Linearised, independent
 from .model_test import consistency
@@ -300,6 +301,7 @@ class Calibration(eqx.Module):
             freedom=at.estimate.freedom,
             tail=tail,
             kinks=kinks(self.sensor, at.estimate),
+            turned=() if traced else far_turns(self.sensor, at.estimate, np.asarray(at.start)),
             words=WORDS._replace(outliers=outliers),
             check=None if traced else self.fit.check,
             components=at.components,

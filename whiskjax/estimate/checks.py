@@ -15,7 +15,7 @@ from ..rules.results import codes_of, message_of
 from .evidence import Evidence, seen_by
 from .measurement_checks import BESIDE, COPIES, LEFT_OUT, LOPSIDED
 from .model_test import UNLIKELY
-from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK
+from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK, TURNED
 from .pattern_checks import PATTERN_CHECKS, UNTESTED
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded, judged, probability, several
 from .suspect_checks import SUSPECT_CHECKS
@@ -149,5 +149,5 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 CHECKS = (
     ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK,
-    CORRELATION, PRIORS, FAR, UNTESTED,
+    CORRELATION, PRIORS, FAR, TURNED, UNTESTED,
 )  # fmt: skip

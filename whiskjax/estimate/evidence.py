@@ -17,6 +17,7 @@ from ..chain.shot import KEYS, Shot
 from ..rules import arrays_of
 from .check_points import CheckTest
 from .estimate import Estimate
+from .far_turns import FarTurn
 from .fitted import AbstractFitted
 from .suspects import Suspects, Suspicions, tested
 from .variance_components import Components
@@ -100,6 +101,7 @@ class Evidence:
     - `fit`: the residuals and what the fit took of them; None while tracing, and of batches; `everything`: the same of a fit
       that knows the check points too, where these are measurements like the others.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
+    - `turned`: angles that ended far from their start, and the axes that would keep them small; none while tracing.
     """
 
     estimate: Estimate
@@ -115,6 +117,7 @@ class Evidence:
     check: CheckTest | None = None
     components: Components | None = None
     kinks: tuple[tuple[str, str], ...] = ()
+    turned: tuple[FarTurn, ...] = ()
     widened: Float[Any, " k"] | float = 0.0
     held: tuple[Held, ...] = ()
     suspects: Suspects | None = None

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..rules import arrays_of
 from .evidence import Evidence
+from .far_turns import FarTurn
 from .model_test import FAMILY, chi_square_bound
 from .posterior import directions, rank_of
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
@@ -104,6 +105,34 @@ def _say_far(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
 
 
 FAR = Check("far from the prior", _far, _say_far)
+
+
+def _turned(e: Evidence) -> Figures:
+    return np.asarray(CAUTION if e.turned else FINE), {}
+
+
+def _say_turned(_: dict[str, Any], e: Evidence) -> Iterable[Said]:
+    """All in one line, and of each mount the axes that would leave it small."""
+    parts = [f"{turn.name} by {math.degrees(turn.angle_rad):+.4g} deg" for turn in e.turned]
+    cures = list(dict.fromkeys(_cure(turn) for turn in e.turned if turn.axes is not None))
+    more = f"; {' and '.join(cures)} would leave {'it' if len(parts) == 1 else 'them'} small" if cures else ""
+    yield (
+        f"ended far from where it started: {several(parts)}{more}: do the axes lie as the sensor says?",
+        {
+            "numbers": [turn.name for turn in e.turned],
+            "angle_deg": [math.degrees(turn.angle_rad) for turn in e.turned],
+            "axes": {turn.frame: turn.axes for turn in e.turned if turn.axes is not None},
+        },
+    )
+
+
+def _cure(turn: FarTurn) -> str:
+    if turn.is_new:
+        return f'a link of axes = "{turn.axes}" before {turn.frame}'
+    return f'axes = "{turn.axes}" of {turn.frame}'
+
+
+TURNED = Check("far from the start", _turned, _say_turned)
 
 
 def _correlated(e: Evidence) -> Figures:

@@ -18,6 +18,7 @@ from .evidence import Evidence, Grouping, Seen, seen_by
 from .fitted import AbstractFitted, Score, scores
 from .model_test import FAMILY, chi_square_tail
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, about, graded, probability, several
+from .wander import memories
 
 _MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
@@ -148,13 +149,13 @@ def _wandering(e: Evidence) -> Figures:
     """Correlation of each residual with the next ones, along time and over the image."""
     if e.fit is None or e.seen is None or not (found := _courses(e.seen, e.fit)):
         return np.asarray(FINE), {}
-    tail, correlation, apart = (np.array(of) for of in zip(*(_neighbours(e.fit, v, m) for _, v, m in found), strict=True))
+    tail, correlation = (np.array(of) for of in zip(*(_neighbours(e.fit, v, m) for _, v, m in found), strict=True))
     bad = (tail.size * tail < FAMILY) & (_inflation(correlation) > _STRETCHES)
-    return graded(FAILURE, bad.any()), {"bad": bad, "correlation": correlation, "apart": apart}
+    return graded(FAILURE, bad.any()), {"bad": bad, "correlation": correlation}
 
 
-def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[float], list[float], float]:
-    """Of each axis and of both the chance of so much correlation of neighbours, its size, and how far these are apart.
+def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[float], list[float]]:
+    """Of each axis and of both the chance of so much correlation of neighbours, and its size.
 
     Products of independent residuals have the mean 0 and the variance 1, whichever pairs they are made of; the fit makes their
     mean a little negative. What lasts shows between the next ones too: their products are added.
@@ -169,7 +170,7 @@ def _neighbours(fit: AbstractFitted, value: Any, members: Any) -> tuple[list[flo
     z = (x, y, (x + y) / math.sqrt(2))
     first, second = by_lag[0] / (len(index) - 1)
     tail = [0.5 * math.erfc(float(each) / math.sqrt(2)) for each in z]
-    return tail, [first, second, (first + second) / 2], float(np.median(np.diff(value[index])))
+    return tail, [first, second, (first + second) / 2]
 
 
 def _inflation(correlation: Any) -> Any:
@@ -183,21 +184,35 @@ def _say_wandering(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     names = [name for name, *_ in _courses(seen_by(e), e.fit)]
     rho = np.where(found["bad"], found["correlation"], -1.0)
     course, axis = np.unravel_index(int(rho.argmax()), rho.shape)
-    most, name, apart = float(rho.max()), names[course], float(found["apart"][course])
+    most, name = float(rho.max()), names[course]
     figures: dict[str, Any] = {"along": name, "correlation": most}
+    stated = _stated(e) if any(one == "time" and bad.any() for one, bad in zip(names, found["bad"], strict=True)) else []
     cure = ""
-    if name == "time" and e.suspects is not None:
-        figures |= {"frame": e.suspects.frame, "correlation_s": apart / -math.log(min(most, 0.99))}
-        cure = (
-            f'; state them: errors=[FrameErrors("{e.suspects.frame}", turn_sigma_rad, shift_sigma_m, '
-            f"correlation_s={figures['correlation_s']:.2g})]"
-        )
+    if stated:
+        figures |= {"frame": stated[0]["frame"], "correlation_s": stated[0]["correlation_s"], "errors": stated}
+        parts = [
+            f'FrameErrors("{one["frame"]}", ({", ".join(f"{s:.2g}" for s in one["turn_sigma_rad"])}), '
+            f"correlation_s={one['correlation_s']:.2g})"
+            for one in stated
+        ]
+        cure = f"; state them: errors=[{', '.join(parts)}]"
     which = ("of the sample", "of the line", "of both coordinates")[axis]
     yield (
         f"neighbours along {name} err alike (correlation {most:.2f} {which}): there are fewer independent {e.words.noun} than "
         f"counted, and sigmas come out too small by {float(_inflation(most)):.2g}{cure}",
         figures,
     )
+
+
+def _stated(e: Evidence) -> list[dict[str, Any]]:
+    """What `FrameErrors` takes, of each statement that would cure it: errors=[FrameErrors(**one) for one in these]."""
+    if e.fit is None or e.suspects is None:
+        return []
+    time = np.asarray(seen_by(e).along["time"])
+    found = memories(e.fit, e.suspects.motion_px[:, :, :3], time, _used(seen_by(e), e.fit) & np.isfinite(time))
+    return [
+        {"frame": e.suspects.frame, "turn_sigma_rad": (one.sigma_rad,) * 3, "correlation_s": one.correlation_s} for one in found
+    ]
 
 
 WANDERING = Check("residuals hang together", _wandering, _say_wandering)

@@ -9,8 +9,9 @@ import numpy as np
 from ..chain.by import By
 from ..chain.camera import FrameCamera
 from ..chain.correction import Bias, Correction, Drift, OrientationImages, Spline
-from ..chain.line_camera import LineCamera, LookTable
+from ..chain.line_camera import LineCamera
 from ..chain.link import AbstractLink, Fixed
+from ..chain.look_table import LookTable
 from ..chain.mounts import Axes, Mount
 from ..chain.possible import refuse_impossible_speed
 from ..chain.process import Process
@@ -255,6 +256,8 @@ def _camera(entry: "AnyCamera", source: Source, place: str) -> Any:
                 entry.half_width_px,
                 None if entry.samples_px is None else np.array(entry.samples_px) - c,
                 entry.along,
+                entry.wave_px,
+                entry.wavelength_px,
             )
         case "looks":
             table = source.sheet(entry.file, place).parse([Column(name) for name in ("sample", "x", "y", "z")])

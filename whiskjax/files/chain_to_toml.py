@@ -11,8 +11,9 @@ from jaxtyping import Float
 from ..chain.by import By
 from ..chain.camera import FrameCamera
 from ..chain.correction import Bias, Correction, Drift, OrientationImages, Spline
-from ..chain.line_camera import LineCamera, LookTable
+from ..chain.line_camera import LineCamera
 from ..chain.link import AbstractLink, Fixed
+from ..chain.look_table import LookTable
 from ..chain.mounts import Axes, Mount
 from ..chain.process import Process
 from ..chain.records import Records
@@ -202,6 +203,8 @@ def camera_to_toml(camera: Any, tables: Tables, label: str = "camera") -> dict[s
             deformation_px=_single(camera.deformation_px, label, 2),
             half_width_px=_single(camera.half_width_px, label, 0),
             samples_px=_single(camera.samples_px, label, 1),
+            wave_px=_single(camera.wave_px, label, 2),
+            wavelength_px=_single(camera.wavelength_px, label, 0),
         )
     if isinstance(camera, LookTable):
         slope = np.asarray(camera.slope)

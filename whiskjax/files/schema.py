@@ -233,6 +233,8 @@ class LineCameraTable(Model):
     deformation_px: Annotated[list[Four], Field(min_length=2, max_length=2)] | None = None
     half_width_px: Positive = 1.0
     samples_px: Two | None = None
+    wave_px: Annotated[list[Two], Field(min_length=2, max_length=2)] | None = None
+    wavelength_px: Positive | None = None
 
 
 class LooksCameraTable(Model):

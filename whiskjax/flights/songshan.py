@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..chain.by import By
 from ..chain.correction import Correction, Drift, OrientationImages, Spline
+from ..chain.image_scale import line_in_image, scale_of_each
 from ..chain.line_camera import LineCamera
 from ..chain.lines import LineTimes
 from ..chain.link import AbstractLink
@@ -51,6 +52,8 @@ from .songshan_draw import (
     VIBRATION_RAD,
     VIBRATION_S,
     VIEW_RAD,
+    WAVE_PX,
+    WAVELENGTH_PX,
     DataSet,
     Path,
     Truth,
@@ -175,6 +178,7 @@ def sensor(scene: Scene, body: Trajectory) -> Sensor:
             half_width_px=CENTRE_PX,
             samples_px=(0.0, LINE_PX - 1.0),
             along="y",
+            wavelength_px=WAVELENGTH_PX,
         )
         for view, angle in VIEW_RAD.items()
     }
@@ -200,6 +204,19 @@ def unknowns(scene: Scene) -> tuple[Unknown, ...]:
                     place = f"drift.{strip}.turn_rad[{row},{i}]"
                     found.append(Unknown(f"drift_{kind}_{x}_{strip}", place, 0.0, DRIFT_SIGMA_RAD))
     return tuple(unknown for unknown in found if unknown.name not in GAUGE)
+
+
+def wave_unknowns() -> tuple[Unknown, ...]:
+    """The wave of each line, which the paper's model lacks, as errors of the camera that all rays of a sample share.
+
+    Known beforehand is its length, and that it is as large as 0.25 px: sine (s) and cosine (c) across the line and along it.
+    """
+    return tuple(
+        Unknown(f"wave_{letter}{phase}_{view}", f"camera.{view}.wave_px[{row},{i}]", 0.0, WAVE_PX)
+        for view in VIEWS
+        for letter, row in (("a", 1), ("b", 0))
+        for i, phase in enumerate("sc")
+    )
 
 
 def frame_errors(scene: Scene, white: bool = False, scale: float = 1.0) -> tuple[FrameErrors, ...]:
@@ -301,7 +318,8 @@ def simulate_block(scene: Scene, seed: int, truth: Truth = TABLE_3) -> Simulated
     """What `draw` draws by the key of a seed, as a block: points and ties in the numbers of the paper.
 
     A point has three rays in each strip in whose swath it lies in all three views. The error of a line moves the time of the
-    shot, and the line offset of the pixel is exactly zero.
+    shot, and the line offset of the pixel is exactly zero. Measured to so many lines, a ray is known to as many times the local
+    rate in pixels across the line: 0.9 px to a line over the plain, 2 px over the mountain.
 
     **Arguments:** the same seed gives the same path, POS and points for any number of ties.
 
@@ -322,11 +340,13 @@ def simulate_block(scene: Scene, seed: int, truth: Truth = TABLE_3) -> Simulated
     point, strip, view = np.nonzero(np.broadcast_to(drawn.is_seen[chosen][..., None], drawn.pixel_px[chosen].shape[:-1]))
     sample, line = drawn.pixel_px[chosen][point, strip, view].T
     sigma = np.where(point < data.points, noise.point_px, noise.tie_px)
+    shot = Shot(time_s=start_s(len(data.strips))[strip] + LINE_S * line, view=view, strip=strip)
+    (_, px_per_line), _ = line_in_image(scale_of_each(drawn.sensor, shot, drawn.point_m[chosen][point]), LINE_S)
     names = [f"{s}-{v}" for s in data.strips for v in VIEWS]
     block = Block(
-        shot=Shot(time_s=start_s(len(data.strips))[strip] + LINE_S * line, view=view, strip=strip),
+        shot=shot,
         pixel_px=np.column_stack([sample, np.zeros(len(point))]),
-        sigma_px=np.column_stack([sigma, sigma]),
+        sigma_px=np.column_stack([sigma, sigma * np.abs(px_per_line)]),
         point=point,
         position_m=np.concatenate([drawn.surveyed_m[points], np.full((ties, 3), np.nan)]),
         covariance_m2=np.broadcast_to(np.diag(POINT_SIGMA_M**2), (data.points + ties, 3, 3)),

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..algebra.vectors import ZERO, apply, cross, vadd, vsub
-from ..chain.line_camera import LookTable
 from ..chain.link import AbstractLink
+from ..chain.look_table import LookTable
 from ..chain.mounts import Axes, Mount
 from ..chain.pose import Motion
 from ..chain.rotations import quaternion_from_small_vector, quaternion_product, rotation_from_quaternion

@@ -21,6 +21,7 @@ from ..checks import CHECKS
 from ..errors import FrameErrors
 from ..estimate import Estimate
 from ..evidence import Evidence, Held, Seen, Words, courses, groupings, kinks, numbered, records
+from ..far_turns import far_turns
 from ..model_test import consistency
 from ..reason import Reason, by_weight, is_sound, judged, warnings
 from ..suspects import Suspects, suspects
@@ -225,6 +226,7 @@ class Adjustment(eqx.Module):
             freedom=at.freedom,
             tail=tail,
             kinks=kinks(self.sensor, at.estimate),
+            turned=() if traced else far_turns(self.sensor, at.estimate, np.asarray(at.start)),
             words=_WORDS,
             check=None if traced or int(codes_of(self.result)) else self.check,
             components=at.components,

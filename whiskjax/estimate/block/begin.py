@@ -16,6 +16,7 @@ from .derivative import held
 from .prepare import prepare
 from .solve import gauss_newton
 from .station_errors import StationErrors
+from .wrong_image import wrong_image
 
 
 def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[Sensor, Float[Any, "points 3"]]:
@@ -26,7 +27,7 @@ def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[
 
     Traced, it is where the iteration begins, and nothing follows it.
 
-    **Raises:** `SensorError` naming the first point whose rays do not meet.
+    **Raises:** `SensorError` naming the image whose rays are wrong, or else the first point whose rays do not meet.
     """
     control = block.role == "control"
     math = arrays_of((sensor, block))
@@ -42,6 +43,10 @@ def begin(sensor: Sensor, block: Block, motions: StationErrors | None) -> tuple[
             return sensor, jnp.asarray(point).at[seen].set(met.point_m)
         codes = codes_of(met.result)
         if codes.any():
+            parted = np.zeros(len(block.role), dtype=bool)
+            parted[seen[codes != 0]] = True
+            if (wrong := wrong_image(sensor, others, parted)) is not None:
+                raise SensorError(f"adjust: {wrong.text}")
             i = int(np.argmax(codes != 0))
             more = f" ({int((codes != 0).sum())} of {len(seen)} points fail)" if (codes != 0).sum() > 1 else ""
             raise SensorError(f"{block.point_label(int(seen[i]))}: its rays do not meet: {_why(int(codes[i]))}{more}")
