@@ -115,6 +115,7 @@ class Adjustment(eqx.Module):
     _prepared: Prepared
     _solved: Solved
     _inverse: Float[Any, "m m"]
+    _spread: Float[Any, "m m"]  # the same, knowing how well the weights are known
     _code: Int[Any, " rays"]
 
     @property
@@ -146,8 +147,8 @@ class Adjustment(eqx.Module):
     def trust(self) -> Trust:
         """Second moments in the units of the fields."""
         x, sigma = self._solved.state.x, plain(self._prepared.ready.unknowns.sigma)
-        math = arrays_of((self._inverse, sigma))
-        stations = math.sqrt(self._inverse.diagonal()[: x.size]).reshape(x.shape) * sigma[:, None]
+        math = arrays_of((self._spread, sigma))
+        stations = math.sqrt(self._spread.diagonal()[: x.size]).reshape(x.shape) * sigma[:, None]
         return Trust(self.estimate.covariance, self.estimate.sigma, stations.T, 1 - self.estimate.prior_share)
 
     @cached_property
@@ -273,7 +274,7 @@ class Adjustment(eqx.Module):
 
         **Raises:** `WhiskjaxError` where there are no stations and no shot is given, or nobody knows what is up.
         """
-        return exterior_orientation(self._prepared, self._solved.state, self._inverse, shot, surface)
+        return exterior_orientation(self._prepared, self._solved.state, self._spread, shot, surface)
 
     def errors_m(self, role: str) -> Float[np.ndarray, "n 3"]:
         """Adjusted less given coordinates of the seen points of a role with known coordinates ("check", "control")."""
