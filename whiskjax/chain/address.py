@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..algebra.vectors import is_structural
 from ..rules import WhiskjaxError, is_traced
 from .by import By
 from .part import AbstractPart
@@ -94,13 +93,15 @@ def node_at(sensor: Sensor, address: Address) -> Any:
 def read(sensor: Sensor, address: Address) -> Any:
     """The number itself."""
     leaf = node_at(sensor, address)
-    if leaf is None or is_structural(leaf, 0):
+    if leaf is None:
         return jnp.zeros(())
+    if type(leaf) is int:  # structural
+        return jnp.asarray(float(leaf))
     return leaf[address.index] if address.index else leaf
 
 
 def make_room(sensor: Sensor, address: Address) -> Sensor:
-    """The same sensor, with a real number at the address where there was a structural zero or None.
+    """The same sensor, with a real number at the address where there was a structural zero or one, or None.
 
     **Raises:** `WhiskjaxError` where the place holds no number, or the index lies outside the array.
     """
@@ -110,8 +111,8 @@ def make_room(sensor: Sensor, address: Address) -> Sensor:
     field = address.path[-1]
     leaf = _step(node, field, address.text)
     part = node if isinstance(node, AbstractPart) else AbstractPart()
-    if leaf is None or is_structural(leaf, 0):
-        leaf = part.absent(field) if leaf is None else jnp.zeros(())
+    if leaf is None or (type(leaf) is int and part.may_hold(field)):
+        leaf = part.absent(field) if leaf is None else jnp.asarray(float(leaf))
         if leaf is not None:
             sensor = eqx.tree_at(lambda s: node_at(s, address), sensor, leaf, is_leaf=lambda x: x is None)
     if field in part.given or not (isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)):

@@ -34,14 +34,14 @@ def _within(link: str, path: tuple[str, ...], part: object) -> Iterator[Address]
     is_part = isinstance(part, AbstractPart)
     for field in vars(part):
         leaf = getattr(part, field)
-        if is_part and field in part.given:
+        if is_part and not part.may_hold(field):
             continue
         if leaf is None and is_part:
             leaf = part.absent(field)
         elif isinstance(leaf, AbstractPart):
             yield from _within(link, (*path, field), leaf)
-        if is_part and isinstance(leaf, float | int) and not isinstance(leaf, bool) and leaf == 0:
-            leaf = jnp.zeros(())
+        if is_part and type(leaf) is int:  # structural
+            leaf = jnp.asarray(float(leaf))
         if is_part and isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating) and leaf.size <= _LONGEST:
             for index in np.ndindex(leaf.shape):
                 yield Address(link, (*path, field), tuple(map(int, index)))

@@ -30,7 +30,7 @@ from .unknown import Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
 # are wrong by what moves pixels by one (RMS).
-_USUAL = {"_m": 0.1, "_rad": 1e-3, "_s": 0.01}
+_USUAL = {"_m": 0.1, "_rad": 1e-3, "_s": 0.01, "gain": 1e-3}
 # Where a coefficient, or a focal length by such a part, has to change by more to move pixels by one, all points lie so near the
 # principal point that it acts on the noise of their images: it would be found in that noise.
 _LARGEST, _LARGEST_PART = 0.1, 0.005
