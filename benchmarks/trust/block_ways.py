@@ -64,6 +64,7 @@ def _grown(name: str, spoil: Spoil, witness: Callable[[Case], float]) -> Way:
 CLEAN = (
     Way("clean", SCENE, nothing, "clean"),
     Way("clean, reweighed", Blocks(reweigh=wj.Reweigh()), nothing, "clean"),
+    Way("clean, reweighed with POS", Blocks(reweigh=wj.Reweigh(priors=True)), nothing, "clean"),
     Way("clean, equal priors", Blocks(EQUAL), nothing, "clean"),
     Way("clean, control in one corner", SCENE, without_control, "clean"),
 )

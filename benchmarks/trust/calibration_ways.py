@@ -65,8 +65,10 @@ def _way(name: str, spoil: Spoil, kind: Kind = "scored") -> Way:
 CLEAN = (
     Way("clean", SCENE, nothing, "clean"),
     Way("clean, reweighed", Calibrations(reweigh=wj.Reweigh()), nothing, "clean"),
+    Way("clean, reweighed with priors", Calibrations(reweigh=wj.Reweigh(priors=True)), nothing, "clean"),
     Way("clean, equal priors", Calibrations(EQUAL), nothing, "clean"),
     Way("clean, equal priors, reweighed", Calibrations(EQUAL, wj.Reweigh()), nothing, "clean"),
+    Way("clean, equal priors, reweighed with them", Calibrations(EQUAL, wj.Reweigh(priors=True)), nothing, "clean"),
     Way("clean, control in one corner", SCENE, weak, "clean"),
 )
 

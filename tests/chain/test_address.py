@@ -77,6 +77,7 @@ ABSENT = {
     "platform.right-2.angles_rad[2]": (3,),
     "scan.delay_s": (),
     "scan.zero_rad": (),
+    "scan.polynomial_rad[1]": (2,),
     "camera.frame.distortion[4]": (5,),
     "camera.nadir.deformation_px[1,3]": (2, 4),
 }
@@ -97,6 +98,17 @@ def test_room_is_made_where_there_was_a_structural_zero(text):
     assert eqx.tree_equal(put(changed, [address], [jnp.zeros(())]), sensor)
 
 
+def test_room_is_made_where_there_was_a_structural_one():
+    """And none where an int says what a part is."""
+    address = parse("scan.gain")
+    assert float(read(SENSOR, address)) == 1.0 and SENSOR["scan"].gain == 1
+    sensor = make_room(SENSOR, address)
+    assert sensor["scan"].gain.shape == () and float(sensor["scan"].gain) == 1.0
+    for text in ("scan.sign", "platform.left.lever_sign"):
+        with pytest.raises(wj.WhiskjaxError, match="is not a number that can be estimated"):
+            make_room(SENSOR, parse(text))
+
+
 PARTS = {
     "lever_arm_m": ((3,), wj.Mount),
     "angles_rad": ((3,), wj.Mount),
@@ -105,6 +117,7 @@ PARTS = {
     "distortion": ((5,), lambda **absent: wj.FrameCamera(1000.0, (1.0, 2.0), **absent)),
     "deformation_px": ((2, 4), lambda **absent: wj.LineCamera(1000.0, half_width_px=50.0, **absent)),
     "wave_px": ((2, 2), lambda **absent: wj.LineCamera(1000.0, wavelength_px=400.0, **absent)),
+    "polynomial_rad": ((2,), lambda **absent: wj.Turn("x", wj.Encoder(TIME_S, TIME_S, 2.0), **absent)),
 }
 
 

@@ -103,6 +103,8 @@ PLACES = {
     "angles_rad": (lambda s: s["platform"]["b"].angles_rad, 1e-3),
     "encoder delay_s": (lambda s: s["scan"].delay_s, 0.01),
     "zero_rad": (lambda s: s["scan"].zero_rad, 1e-3),
+    "gain": (lambda s: s["scan"].gain, 1e-2),
+    "polynomial_rad": (lambda s: s["scan"].polynomial_rad, 1e-2),
     "focal_px": (lambda s: s["camera"].focal_px, 10.0),
     "principal_sample_px": (lambda s: s["camera"].principal_sample_px, 1.0),
     "offset_px": (lambda s: s["camera"].offset_px, 1.0),
@@ -114,7 +116,7 @@ RICH = wj.Sensor(
         "drift": wj.Correction(wj.Drift(0.0, 10.0), jnp.full((2, 3), 1e-3), jnp.full((2, 3), 0.5)),
         "flu": wj.Axes("x -y -z"),
         "platform": wj.By("swing", {"a": wj.Mount(), "b": wj.Mount([0.1, 0.2, -1.0], [0.01, 0.02, 0.03])}),
-        "scan": wj.Turn("x", SCAN, delay_s=0.03, zero_rad=0.002),
+        "scan": wj.Turn("x", SCAN, delay_s=0.03, zero_rad=0.002, gain=1.003, polynomial_rad=[0.01, -0.02]),
     },
     wj.LineCamera(
         8000.0, 2000.0, 300.0, deformation_px=jnp.asarray(DEFORMATION), half_width_px=2000.0, samples_px=(0.0, 4000.0), along="x"

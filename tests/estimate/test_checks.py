@@ -91,7 +91,7 @@ def correlated(*pairs):
 
 ROWS = np.random.default_rng(1).normal(size=(60, 4))
 LIKE = ROWS @ np.array([[1.0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]])  # a and b alike, nothing depends on d
-STRETCHED = Components(("x", "y"), np.zeros(2, bool), np.full(2, 9), np.array([1.0, 50.0]), np.array([0.1, 0.1]))
+STRETCHED = Components(("x", "y"), np.zeros(2, bool), np.full(2, 9), np.array([1.0, 50.0]), 0.01 * np.eye(2))
 UNTESTED = CheckTest(0.0, 0, 1.0, (), ())
 CONTRADICTED = CheckTest(90.0, 6, 1e-17, ("P1", "P2"), (9.0, 2.0))
 NOWHERE = CheckTest(math.nan, 6, math.nan, (), ())

@@ -75,7 +75,8 @@ def with_error(sensor, place, size):
 
 
 @pytest.mark.parametrize(
-    ("place", "size"), [("body.attitude_delay_s", 0.02), ("body.delay_s", 0.02), ("gps_arm.angles_rad[1]", 0.005)]
+    ("place", "size"),
+    [("body.attitude_delay_s", 0.02), ("body.delay_s", 0.02), ("gps_arm.angles_rad[1]", 0.005), ("scan.gain", 0.002)],
 )
 def test_a_number_that_was_wrong_is_named_with_the_value_it_would_take(flight, place, size):
     """Errors that the data can tell: the first that is named, or one that looks the same in the residuals."""

@@ -63,7 +63,7 @@ def test_the_tail_is_chi_squares_and_the_worst_are_named(chi_square):
 )
 def test_factors_beyond_five_by_two_of_their_log_sigmas(factor, log_sigma, is_plausible):
     """5 exp(0.2) is 6.1, 5 exp(2.4) is 55."""
-    both = Components(("good", "odd"), np.zeros(2, bool), np.full(2, 9), np.array([1.0, factor]), np.array([0.1, log_sigma]))
+    both = Components(("good", "odd"), np.zeros(2, bool), np.full(2, 9), np.array([1.0, factor]), np.diag([0.1, log_sigma]) ** 2)
     assert both.is_stretched.tolist() == [False, not is_plausible]
 
 

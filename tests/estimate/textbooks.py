@@ -82,6 +82,7 @@ class MadeUp:
         self.rows_px = rng.normal(size=(n, 2, self.k)) * rng.uniform(0.2, 3.0, self.k)
         truth = rng.normal(size=self.k)
         error = (np.linalg.cholesky(self.whole_px2) @ rng.normal(size=2 * n)).reshape(n, 2)
+        self.error_px = error
         self.measured_px = error - self.rows_px @ truth  # residual at u = 0
         self.observations = wj.Observations(
             wj.Shot(time_s=np.arange(n, dtype=float)),

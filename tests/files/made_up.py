@@ -49,7 +49,7 @@ def scanner() -> wj.Flight:
         ),
         "scan": wj.Turn("x", scan, -1, 0.003, np.radians(0.05)),
         "tilt": wj.Turn("y", tilt),
-        "again": wj.Turn("y", tilt, -1),
+        "again": wj.Turn("y", tilt, -1, gain=1.0021, polynomial_rad=np.radians([0.013, -0.7, 0.02])),
     }
     looks = np.stack([np.linspace(-0.1, 0.1, 21), 0.001 * np.cos(np.arange(21)), -np.ones(21)], axis=-1)
     cameras = {

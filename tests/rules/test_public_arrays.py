@@ -213,7 +213,7 @@ TAKES = {
     "Readings": Takes({"angle_rad": TIME_S}, {"angle_rad": None}, "angle_rad"),
     "Turn": Takes(
         {"axis": "x", "encoder": wj.Readings(0.1), "delay_s": TWO},
-        {"delay_s": None, "zero_rad": THREE},
+        {"delay_s": None, "zero_rad": THREE, "gain": None, "polynomial_rad": 0.1},
         "delay_s",
         "axis encoder sign",
     ),

@@ -134,7 +134,7 @@ def _left_out() -> Adjusted:
     found = adjusted(strips())
     residual, used = found.adjustment.residual_px.copy(), found.adjustment.used.copy()
     residual[200], used[200] = (50.0, -1.0), False
-    parts = Components(("tie rays",), np.array([False]), np.array([400]), np.array([1.3]), np.array([0.05]))
+    parts = Components(("tie rays",), np.array([False]), np.array([400]), np.array([1.3]), np.array([[0.05**2]]))
     return adjusted(strips(), residual_px=residual, used=used, components=parts)
 
 

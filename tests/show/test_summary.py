@@ -114,7 +114,7 @@ def test_check_points_that_contradict_are_not_sound(calibration, flight):
 
 
 def test_a_weight_beyond_reason_is_not_sound(calibration, flight):
-    parts = Components(("L1 x", "L1 y"), np.zeros(2, bool), np.full(2, 65), np.array([1.1, 70.0]), np.array([0.09, 0.09]))
+    parts = Components(("L1 x", "L1 y"), np.zeros(2, bool), np.full(2, 65), np.array([1.1, 70.0]), 0.09**2 * np.eye(2))
     found = summarise(dataclasses.replace(calibration, components=parts), flight)
     assert not found["verdict"]["is_sound"] and [row["is_plausible"] for row in found["weights"]] == [True, False]
     assert any("the errors of L1 y are 70 times larger" in said for said in found["warnings"])

@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..algebra.vectors import is_structural
 from ..rules import WhiskjaxError, is_traced, on_device
 from .by import By
 from .part import AbstractPart
@@ -94,13 +93,15 @@ def node_at(sensor: Sensor, address: Address) -> Any:
 def read(sensor: Sensor, address: Address) -> Any:
     """The number itself."""
     leaf = node_at(sensor, address)
-    if leaf is None or is_structural(leaf, 0):
+    if leaf is None:
         return jnp.zeros(())
+    if type(leaf) is int:  # structural
+        return jnp.asarray(float(leaf))
     return leaf[address.index] if address.index else leaf
 
 
 def make_room(sensor: Sensor, *addresses: Address) -> Sensor:
-    """The same sensor, with real numbers at the addresses where there were structural zeros or None.
+    """The same sensor, with real numbers at the addresses where there were structural zeros or ones, or None.
 
     **Raises:** `WhiskjaxError` where a place holds no number, or the index lies outside the array.
     """
@@ -114,8 +115,8 @@ def make_room(sensor: Sensor, *addresses: Address) -> Sensor:
         part = node if isinstance(node, AbstractPart) else AbstractPart()
         if where in rooms:
             leaf = rooms[where][1]
-        elif leaf is None or is_structural(leaf, 0):
-            leaf = part.absent(field) if leaf is None else np.zeros(())
+        elif leaf is None or (type(leaf) is int and part.may_hold(field)):
+            leaf = part.absent(field) if leaf is None else np.asarray(float(leaf))
             if leaf is not None:
                 leaf = on_device(leaf)
                 rooms[where] = address, leaf

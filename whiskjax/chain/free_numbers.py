@@ -35,16 +35,16 @@ def _within(link: str, path: tuple[str, ...], part: object) -> Iterator[Address]
     is_part = isinstance(part, AbstractPart)
     for field in vars(part):
         leaf = getattr(part, field)
-        if isinstance(leaf, AbstractPart) and not (is_part and field in part.given):
+        if isinstance(leaf, AbstractPart) and (not is_part or part.may_hold(field)):
             yield from _within(link, (*path, field), leaf)
-        if not is_part or field in part.given:
+        if not is_part or not part.may_hold(field):
             continue
         if leaf is None:
             shape = None if (room := part.absent(field)) is None else room.shape
         elif isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating):
             shape = leaf.shape
         else:
-            shape = () if type(leaf) in (int, float) and leaf == 0 else None
+            shape = () if type(leaf) is int else None  # structural
         if shape is not None and math.prod(shape) <= _LONGEST:
             for index in np.ndindex(shape):
                 yield Address(link, (*path, field), tuple(map(int, index)))

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..algebra.angles import ELEMENTARY, Angle
-from ..algebra.vectors import Component, add, is_structural, mul
+from ..algebra.vectors import Component, add, is_structural, mul, unstack
 from ..rules import RESULTS, Arrays, Numbers, WhiskjaxError, is_traced, need, plain
+from .camera import common_batch, parameter
 from .knots import Knots, take
 from .link import AbstractLink, Moves, Recorded
 from .pose import Pose
@@ -17,6 +18,7 @@ from .shot import Shot
 from .spline import Interpolation, check_interpolation, hermite, spline_slopes
 from .wraps import check_wraps, unwrapped
 
+_POWERS = 2  # of a polynomial that nobody gave: square and cube
 # Beside its neighbours: a flyback that no sample fell into.
 _MUCH_FASTER = 4.0
 
@@ -142,11 +144,17 @@ class Readings(eqx.Module):
         return self.angle_rad
 
 
-class Turn(AbstractLink):
-    """Rotation about x, y or z by sign * (encoder(time + delay_s) + zero_rad).
+def _as_gain(value: Any) -> Any:
+    """An array, except for the structural one, which stays a Python int and costs nothing."""
+    return 1 if is_structural(value, 1) else jnp.asarray(value, dtype=float)
 
-    Scan mirrors and gimbals are Turns in list order. `delay_s` (how much later than the shot's time stamp the encoder was read)
-    and `zero_rad` (its index error) can be calibrated.
+
+class Turn(AbstractLink):
+    """Rotation about x, y or z by sign * (gain r + zero_rad + p0 r^2 + p1 r^3 + ...) with the reading r = encoder(t + delay_s).
+
+    Scan mirrors and gimbals are Turns in list order. `delay_s` (how much later than the shot's time stamp the encoder was read),
+    `zero_rad` (its index error), `gain` (its scale, nominally one) and `polynomial_rad` (p0, p1, ... by powers of r in radians:
+    what a scale that is not even leaves, of which `zero_rad` and `gain` are the constant and the linear term) can be calibrated.
     """
 
     axis: str = eqx.field(static=True)
@@ -154,9 +162,21 @@ class Turn(AbstractLink):
     sign: int = eqx.field(static=True)
     delay_s: Component = eqx.field(converter=as_parameter)
     zero_rad: Component = eqx.field(converter=as_parameter)
+    gain: Component = eqx.field(converter=_as_gain)
+    polynomial_rad: Float[Array, "*batch powers"] | None = eqx.field(converter=parameter)
 
-    def __init__(self, axis: str, encoder: Encoder | Readings, sign: int = 1, delay_s: Component = 0, zero_rad: Component = 0):
-        """**Raises:** `WhiskjaxError` for an axis or a sign that is none, an encoder that is none, an index error in degrees."""
+    def __init__(
+        self,
+        axis: str,
+        encoder: Encoder | Readings,
+        sign: int = 1,
+        delay_s: Component = 0,
+        zero_rad: Component = 0,
+        gain: Component = 1,
+        polynomial_rad: Float[Numbers, "*batch powers"] | None = None,
+    ):
+        """**Raises:** `WhiskjaxError` for an axis, a sign or an encoder that is none, angles in degrees, a gain that is not
+        positive."""
         if axis not in tuple(ELEMENTARY):
             raise WhiskjaxError(f"Turn: a turn has the axis x, y or z, not {axis!r}")
         if sign not in (1, -1):
@@ -166,16 +186,43 @@ class Turn(AbstractLink):
         self.axis, self.encoder, self.sign = axis, encoder, sign
         self.delay_s = take_component(arrays, "delay_s", delay_s, absolute=True)
         self.zero_rad = take_component(arrays, "zero_rad", zero_rad, within_rad=2 * np.pi)
+        self.gain = gain if is_structural(gain, 1) else arrays.take("gain", gain, "...", finite=True, above=0.0)
+        powers = "of the reading's square, cube and so on"
+        self.polynomial_rad = arrays.take(
+            "polynomial_rad", polynomial_rad, "... powers", optional=True, finite=True, within_rad=2 * np.pi, meaning=powers
+        )
+
+    def absent(self, field: str) -> Float[Array, "..."] | None:
+        """An even scale."""
+        return jnp.zeros(_POWERS) if field == "polynomial_rad" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """That of its numbers: readings for each shot, or none."""
-        return np.broadcast_shapes(self.encoder.batch_shape, np.shape(self.delay_s), np.shape(self.zero_rad))
+        own = common_batch((self.delay_s, 0), (self.zero_rad, 0), (self.gain, 0), (self.polynomial_rad, 1))
+        return np.broadcast_shapes(self.encoder.batch_shape, own)
 
     def _angle(self, shot: Shot) -> Any:
         time: Any = None if isinstance(self.encoder, Readings) else add(shot.need("time_s", "which a turn needs"), self.delay_s)
         angle = self.encoder.at(time)
-        return angle if isinstance(angle, Angle) else mul(self.sign, add(angle, self.zero_rad))
+        return angle if isinstance(angle, Angle) else mul(self.sign, add(self._scaled(angle), self.zero_rad))
+
+    def _scaled(self, reading: Component) -> Component:
+        """The reading by its gain, and its powers."""
+        scaled = mul(self.gain, reading)
+        if self.polynomial_rad is None:
+            return scaled
+        *rest, series = unstack(self.polynomial_rad)
+        for coefficient in reversed(rest):
+            series = add(coefficient, mul(reading, series))
+        return add(scaled, mul(mul(reading, reading), series))
+
+    def _steepest(self, reading: Float[Array, " n"]) -> Component:
+        """The angle changes by no more than so much for each radian of the reading."""
+        most, steepest = jnp.max(jnp.abs(reading)), abs(self.gain)
+        for k, coefficient in enumerate(() if self.polynomial_rad is None else unstack(self.polynomial_rad)):
+            steepest = steepest + (k + 2) * jnp.abs(coefficient) * most ** (k + 1)
+        return steepest
 
     @property
     def kinks(self) -> tuple[str, ...]:
@@ -192,14 +239,15 @@ class Turn(AbstractLink):
         if isinstance(self.encoder, Readings):
             return Moves()
         rate = self.encoder.rates()
-        return Moves(tuple(r._replace(leaps=_leaps(rate)) for r in self.recorded), jnp.max(jnp.abs(rate)))
+        turn_radps = mul(self._steepest(self.encoder.angle_rad), jnp.max(jnp.abs(rate)))
+        return Moves(tuple(r._replace(leaps=_leaps(rate)) for r in self.recorded), turn_radps)
 
     def pose(self, shot: Shot) -> Pose:
         """The turn at the shot's time."""
         return Pose(ELEMENTARY[self.axis](self._angle(shot)))
 
     def ready(self, shot: Shot) -> "Turn":
-        """The same turn with the sine and cosine of its angle, index error and sign included."""
+        """The same turn with the sine and cosine of its angle, scale, index error and sign included."""
         return Turn(self.axis, Readings(Angle.of(self._angle(shot))))
 
     def check(self, shot: Shot) -> RESULTS:

@@ -40,7 +40,7 @@ def encoder_remedies(flight: Flight) -> Iterator[Remedy]:
 
 def _other_way(flight: Flight, name: str) -> Flight:
     def change(frame: str, link: Any) -> Any:
-        return Turn(link.axis, link.encoder, -link.sign, link.delay_s, link.zero_rad) if frame == name else link
+        return dataclasses.replace(link, sign=-link.sign) if frame == name else link
 
     return dataclasses.replace(flight, sensor=with_links(flight.sensor, change))
 

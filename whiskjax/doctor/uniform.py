@@ -37,7 +37,7 @@ def uniform(flight: Flight) -> Flight:
             links[name] = _fixed(np.asarray(link.pose(_NO_SHOT).matrix))
         elif isinstance(link, Turn):
             half = _fixed(np.eye(3) if link.sign > 0 else _HALF[link.axis])
-            forwards = Turn(link.axis, link.encoder, 1, link.delay_s, link.zero_rad)
+            forwards = dataclasses.replace(link, sign=1)
             links |= {_beside(name, "before"): half, name: forwards, _beside(name, "after"): half}
         else:
             links[name] = link

@@ -28,7 +28,8 @@ from .observations import Observations
 from .posterior import RANK_TOLERANCE, posterior
 from .solution import NEAR, POLISH
 from .unknown import Unknown, admit
-from .variance_components import Components, Reweigh, components, group, weighing
+from .variance_components import Components, Reweigh, data_of, decided, group, weighing
+from .weight_uncertainty import Uncertain, of_least_squares
 
 # Rounds of new weights and new blunders, until no factor changes by this.
 _ROUNDS, _SAME_FACTOR = 10, 1e-3
@@ -69,7 +70,8 @@ def calibrate(
       that are independent; where rays share a point, a gross error of one shows in the others as well, the more the less well
       the point is known, and `blunders` tells them apart better.
     - `blunders`: `Blunders()` finds gross errors, leaves them out and names them.
-    - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too.
+    - `reweigh`: `Reweigh()` finds the sigmas of images from the data, `Reweigh(priors=True)` those of priors too. That they are
+      not known exactly is in the covariance (weight_uncertainty.py).
     - `throw`: raise where the solution did not converge or is not determined; else look at `result`.
 
     **Returns:** `Calibration`.
@@ -112,13 +114,14 @@ def calibrate(
     u, steps, result = solve(ready, control, max_steps)
     if not traced and not np.isfinite(u).all():  # the result says so; what is told is told of the start
         u = ready.start
-    here, used, found, unknowns = linearise(ready, u), control, None, priors.unknowns
+    here, used, found, uncertain, unknowns = linearise(ready, u), control, None, None, priors.unknowns
     if not traced:
         for _ in range(POLISH if loss is not None else 1):
             pull = _share(here if loss is None else independent(ready, here, control.astype(float)), control, loss)
             here = refine(ready, here, pull, 1 if loss is not None else POLISH, NEAR)
         weights = reweigh if bool(is_successful(result)) else None
-        ready, here, used, unknowns, found = _cleanse(ready, here, control, unknowns, blunders, weights)
+        effect_px = None if weights is None else _effects_px(ready, here, considered, errors, surface)
+        ready, here, used, unknowns, found, uncertain = _cleanse(ready, here, control, unknowns, blunders, weights, effect_px)
     here = independent(ready, here, used.astype(float))
     share = _share(here, used | ~control, loss)
     formal, is_determined = _formal(ready, here, share * used.astype(float))
@@ -128,7 +131,7 @@ def calibrate(
         sensor=ready.problem.unknowns.put(ready.sensor, here.u),
         unknowns=tuple(unknowns),
         start=ready.values(ready.start),
-        estimate=_estimated(ready, here, used, formal, moved, result, is_determined),
+        estimate=_estimated(ready, here, used, formal, moved, uncertain, result, is_determined),
         used=used,
         components=found,
         steps=steps,
@@ -136,6 +139,7 @@ def calibrate(
         _here=here,
         _formal=formal,
         _considered=moved,
+        _uncertain=uncertain,
         _share=share,
         _most=0.5 if blunders is None else blunders.most,
         _considered_places=tuple(x.places for x in considered.unknowns),
@@ -176,6 +180,7 @@ def _estimated(
     used: Bool[Any, " n"],
     formal: Float[Any, "k k"],
     moved: Considered | None,
+    uncertain: Uncertain | None,
     result: RESULTS,
     is_determined: Any,
 ) -> Estimate:
@@ -191,7 +196,8 @@ def _estimated(
     variance = formal.diagonal()
     share_left = math.where(math.asarray(ready.has_prior), variance, math.nan)
     lost = ~(variance > 0)
-    covariance = formal * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
+    spread = formal if uncertain is None else uncertain.of(formal)
+    covariance = spread * math.outer(scale, scale) + (0.0 if moved is None else moved.covariance(scale))
     cost = math.where(kept, here.squared, 0.0).sum() + pulled @ pulled
     covariance = math.where(lost[:, None] | lost[None, :], math.where(math.eye(len(scale)) > 0, math.inf, math.nan), covariance)
     return Estimate(
@@ -219,27 +225,31 @@ def _cleanse(
     unknowns: Sequence[Unknown],
     blunders: Blunders | None,
     reweigh: Reweigh | None,
-) -> tuple[LeastSquares, Linearised, Bool[np.ndarray, " n"], Sequence[Unknown], Components | None]:
+    considered_px: Float[np.ndarray, "n 2 c"] | None,
+) -> tuple[LeastSquares, Linearised, Bool[np.ndarray, " n"], Sequence[Unknown], Components | None, Uncertain | None]:
     """Blunders and weights, in turn until neither changes: each is judged by the other."""
     used, found, given = control, None, ready
     if blunders is not None:
         here, used = data_snooping(ready, here, control, blunders)
     rows, _ = weighted_rows(ready, here, used.astype(float))
     if reweigh is None or np.linalg.matrix_rank(rows) < len(unknowns):  # what nothing determines has no weights either
-        return ready, here, used, unknowns, None
+        return ready, here, used, unknowns, None, None
     grouping = group(reweigh, ready.observations, unknowns)
     for i in range(_ROUNDS):
         tell(f"weights: round {i + 1}")
-        last, found = found, components(grouping, reweigh.spread, given, here, used)
+        last, (grouping, found) = found, decided(grouping, reweigh.spread, given, here, used, considered_px)
         observed, prior = weighing(grouping, found)
         ready = given.reweighed(observed, prior)
         here = refine(ready, linearise(ready, here.u), used.astype(float), steps=20)
         if blunders is not None:
             here, used = data_snooping(ready, here, control, blunders)
-        if last is not None and np.abs(np.log(found.factor / last.factor)).max() < _SAME_FACTOR:
+        settled = last is not None and last.names == found.names
+        if settled and np.abs(np.log(found.factor / last.factor)).max(initial=0.0) < _SAME_FACTOR:
             break
     sigma = [None if x.sigma is None else x.sigma * float(factor) for x, factor in zip(unknowns, prior, strict=True)]
-    return ready, here, used, tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True)), found
+    unknowns = tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True))
+    uncertain = of_least_squares(found, data_of(grouping, reweigh.spread, given, here, used), len(unknowns))
+    return ready, here, used, unknowns, found, uncertain
 
 
 def _effects_px(

@@ -29,6 +29,7 @@ from .surveys import triangles
 from .suspects import Suspects, suspects
 from .unknown import Unknown
 from .variance_components import Components
+from .weight_uncertainty import Uncertain
 
 WORDS = Words(
     how="the iteration converged",
@@ -134,6 +135,7 @@ class Calibration(eqx.Module):
     _here: Linearised
     _formal: Float[Any, "k k"]
     _considered: Considered | None
+    _uncertain: Uncertain | None
     _share: Float[Any, " n"]
     _most: float = eqx.field(static=True)
     _considered_places: Places = eqx.field(static=True)
@@ -181,7 +183,14 @@ class Calibration(eqx.Module):
         pull = np.sqrt(at._share[at.used])[:, None, None]
         rows = (pull * at._here.rows[at.used]).reshape(-1, len(at.unknowns))
         found = posterior(rows, at._ready.scale, at._ready.prior, at.estimate.names)
+        if at._uncertain is not None:
+            found = found.widened((at._spread - at._formal) * np.outer(at._ready.scale, at._ready.scale))
         return found if at._considered is None else found.widened(at._considered.covariance(at._ready.scale))
+
+    @property
+    def _spread(self) -> Float[np.ndarray, "k k"]:
+        """Covariance of the whitened unknowns, considered numbers left out, that knows how well the weights are known."""
+        return self._formal if self._uncertain is None else self._uncertain.of(self._formal)
 
     @cached_property
     def fit(self) -> Fit:
@@ -201,7 +210,7 @@ class Calibration(eqx.Module):
         index, share, ready = np.flatnonzero(which), self.used.astype(float), self._ready
         of = foreseen(ready, self._here, share)
         # How the errors of the answer, columns of variance 1, move every whitened residual.
-        common = of.rows @ _root(self._formal)
+        common = of.rows @ _root(self._spread)
         if self._considered is not None:
             moving = self._here._replace(rows=self._considered.effect, rows_px=self._considered.effect_px)
             by = foreseen(ready, moving, share).rows
@@ -260,7 +269,7 @@ class Calibration(eqx.Module):
         looking; NaN without check points."""
         at = self._told
         share = at.used.astype(float)
-        return log_density(foreseen(at._ready, at._here, share), at._formal, share, ~at.observations.is_control)
+        return log_density(foreseen(at._ready, at._here, share), at._spread, share, ~at.observations.is_control)
 
     @property
     def evidence(self) -> Evidence:

@@ -32,7 +32,7 @@ from .unknown import ANGLE, METRE, Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
 # are wrong by what moves pixels by one (RMS).
-_USUAL = {"zero_rad": 5e-3, "_m": 0.1, "_rad": 1e-3, "_s": 0.01}
+_USUAL = {"zero_rad": 5e-3, "_m": 0.1, "_rad": 1e-3, "_s": 0.01, "gain": 1e-3}
 # National datums that move with their plate are half a metre from the global ones after twenty years.
 DATUM, _DATUM_M = "datum", 0.5
 # Where a coefficient, or a focal length by such a part, has to change by more to move pixels by one, all points lie so near the

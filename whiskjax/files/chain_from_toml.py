@@ -81,7 +81,9 @@ def _link(entry: "AnyLink", source: Source, place: str) -> AbstractLink:
             return _rotation(entry.matrix)
         case "turn":
             zero = 0 if entry.zero_deg is None else float(np.radians(entry.zero_deg))
-            return Turn(entry.axis, _encoder(entry, source, place), entry.sign, entry.delay_s or 0, zero)
+            gain = 1 if entry.gain is None else entry.gain
+            uneven = None if entry.polynomial_deg is None else radian_array(entry.polynomial_deg)
+            return Turn(entry.axis, _encoder(entry, source, place), entry.sign, entry.delay_s or 0, zero, gain, uneven)
         case "correction":
             turn = None if entry.turn_deg is None else jnp.asarray(radian_array(entry.turn_deg))
             shift = None if entry.shift_m is None else jnp.asarray(np.array(entry.shift_m))

@@ -133,6 +133,8 @@ def _link(link: AbstractLink, label: str, flight: Flight, tables: Tables, gap: f
             sign=link.sign,
             delay_s=_number(link.delay_s),
             zero_deg=None if type(link.zero_rad) is int else degrees(float(link.zero_rad)),
+            gain=_number(link.gain),
+            polynomial_deg=None if link.polynomial_rad is None else degree_lists(_single(link.polynomial_rad, label, 1)),
             max_gap_s=None if link.encoder.knots.max_gap_s == gap else link.encoder.knots.max_gap_s,
             interpolation=None if link.encoder.interpolation == "linear" else link.encoder.interpolation,
             wraps=None if link.encoder.wraps is None else False,  # jumps of a whole turn are taken out of what is written
@@ -249,7 +251,7 @@ def _given(**entries: Any) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | None:
-    """A structural zero is left out, everything else is a number."""
+    """A structural zero or one is left out, everything else is a number."""
     return None if type(value) is int else float(value)
 
 

@@ -148,6 +148,8 @@ class TurnLink(Link):
     sign: Sign = 1
     delay_s: float | None = None
     zero_deg: float | None = None
+    gain: Positive | None = None
+    polynomial_deg: Annotated[list[Degrees], Field(min_length=1)] | None = None
     max_gap_s: Positive | None = None
     interpolation: Interpolation = "linear"
     wraps: bool | None = None

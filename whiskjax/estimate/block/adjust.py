@@ -67,7 +67,7 @@ def adjust(
       poses, after the images are resected from control points).
     - `blunders`: find wrong rays, leave them out and name them (wrong_ties.py).
     - `reweigh`: `Reweigh()` finds the sigmas of tie rays and of surveyed points from the data, `Reweigh(priors=True)` those of
-      recorded attitudes and positions too (weights.py).
+      recorded attitudes and positions too (weights.py). That they are not known exactly is in the covariances.
     - `retime`: of line cameras, evaluate rays where the fitted points cross the line, so that errors of the measured line are not
       taken for geometry (crossing.py); `Adjustment.block` is the block so timed. Off, the block is adjusted as it is.
     - `surface`: what is level, for errors in level axes; the ellipsoid by default.
@@ -126,13 +126,13 @@ def adjust(
         solved = solve(prepared, max_steps)
     if traced:
         solved = _followed(prepared, solved)
-    used, found = ~lonely[block.point], None
+    used, found, uncertain = ~lonely[block.point], None, None
     for _ in range(2 if blunders is not None and reweigh is not None else 1):  # each is judged by the other
         if blunders is not None and is_fine(solved):
             prepared, solved, used = data_snooping(prepared, solved, used, blunders, max_steps)
         if reweigh is not None and is_fine(solved):
-            prepared, solved, found = weights.reweigh(prepared, solved, used, reweigh, found, max_steps)
-    adjustment = answer(prepared, solved, priors.unknowns, tuple(errors), start_u, used, found)
+            prepared, solved, found, uncertain = weights.reweigh(prepared, solved, used, reweigh, found, max_steps)
+    adjustment = answer(prepared, solved, priors.unknowns, tuple(errors), start_u, used, found, uncertain)
     if throw and not traced:
         refuse(adjustment, motions)
     return adjustment

@@ -117,6 +117,7 @@ class Adjustment(eqx.Module):
     _prepared: Prepared
     _solved: Solved
     _inverse: Float[Any, "m m"]
+    _spread: Float[Any, "m m"]  # the same, knowing how well the weights are known
     _code: Int[Any, " rays"]
 
     @property
@@ -148,8 +149,8 @@ class Adjustment(eqx.Module):
     def trust(self) -> Trust:
         """Second moments in the units of the fields."""
         x, sigma = self._solved.state.x, plain(self._prepared.ready.unknowns.sigma)
-        math = arrays_of((self._inverse, sigma))
-        stations = math.sqrt(self._inverse.diagonal()[: x.size]).reshape(x.shape) * sigma[:, None]
+        math = arrays_of((self._spread, sigma))
+        stations = math.sqrt(self._spread.diagonal()[: x.size]).reshape(x.shape) * sigma[:, None]
         return Trust(self.estimate.covariance, self.estimate.sigma, stations.T, 1 - self.estimate.prior_share)
 
     @cached_property
@@ -248,7 +249,7 @@ class Adjustment(eqx.Module):
     @cached_property
     def _held(self) -> tuple[Held, ...]:
         """Rays, surveyed points and POS: how large their errors are, and how much of them the others control."""
-        found = groups_of(self._prepared, self._solved.state, np.asarray(self.used), np.asarray(self._inverse))
+        found = groups_of(self._prepared, self._solved, np.asarray(self.used))
         return tuple(Held(*one) for one in zip(NAMES, found.squares.tolist(), found.redundancy.tolist(), strict=True))
 
     @cached_property
@@ -285,7 +286,7 @@ class Adjustment(eqx.Module):
 
         **Raises:** `WhiskjaxError` where there are no stations and no shot is given, or nobody knows what is up.
         """
-        return exterior_orientation(self._prepared, self._solved.state, self._inverse, shot, surface)
+        return exterior_orientation(self._prepared, self._solved.state, self._spread, shot, surface)
 
     def errors_m(self, role: str) -> Float[np.ndarray, "n 3"]:
         """Adjusted less given coordinates of the seen points of a role with known coordinates ("check", "control")."""

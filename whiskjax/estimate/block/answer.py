@@ -17,6 +17,7 @@ from ..errors import FrameErrors
 from ..estimate import Estimate
 from ..unknown import Unknown
 from ..variance_components import Components
+from ..weight_uncertainty import Uncertain
 from .adjustment import Adjustment
 from .connect import seen_once
 from .covariance import covariances, evaluate
@@ -37,16 +38,18 @@ def answer(
     start_u: Any,
     used: Bool[np.ndarray, " rays"],
     found: Components | None,
+    uncertain: Uncertain | None,
 ) -> Adjustment:
     """The adjustment that a solution is."""
     ready, block, state = prepared.ready, prepared.block, solved.state
     math = arrays_of((ready, state))
     inverse, is_determined = inverse_of(solved.reduced.matrix)
+    spread = inverse if uncertain is None else uncertain.of(inverse)
     tell("adjust: residuals and covariances (the first time compiled)")
     seen = evaluate(ready, state)
     residual, code = prepared.by_ray(seen.residual_px), math.where(used, prepared.by_ray(seen.code).astype(np.int32), 0)
     point = prepared.point_m(state)
-    covariance = prepared.by_point(covariances(ready, state, jnp.asarray(inverse), math is jnp))
+    covariance = prepared.by_point(covariances(ready, state, jnp.asarray(spread), math is jnp))
     nowhere, lonely = prepared.lone(used), seen_once(block)
     point = math.where(nowhere[:, None], math.nan, point)
     covariance = math.where((nowhere | ~math.asarray(is_determined))[:, None, None], math.nan, covariance)
@@ -54,7 +57,7 @@ def answer(
     solution = ready.unknowns.put(ready.sensor, state.x, state.u)
     return Adjustment(
         sensor=solution,
-        estimate=_estimate(prepared, solved, inverse, is_determined, used, code),
+        estimate=_estimate(prepared, solved, inverse, spread, is_determined, used, code),
         unknowns=tuple(unknowns),
         start=plain(ready.unknowns.others.mean) + plain(ready.unknowns.others.scale) * plain(start_u),
         block=block,
@@ -68,17 +71,20 @@ def answer(
         _prepared=prepared,
         _solved=solved,
         _inverse=math.where(is_determined, inverse, math.nan),
+        _spread=math.where(is_determined, spread, math.nan),
         _code=code,
     )
 
 
-def _estimate(prepared: Prepared, solved: Solved, inverse: Any, is_determined: Any, used: Any, code: Any) -> Estimate:
+def _estimate(
+    prepared: Prepared, solved: Solved, inverse: Any, spread: Any, is_determined: Any, used: Any, code: Any
+) -> Estimate:
     """The unknowns with their joint covariance, points and motions integrated out."""
     ready, block, state = prepared.ready, prepared.block, solved.state
     others, size, q = ready.unknowns.others, state.x.size, state.u.size
     math = arrays_of((ready, state))
     scale, mean = plain(others.scale), plain(others.mean)
-    inverse = math.where(is_determined, inverse, math.nan)
+    inverse, spread = (math.where(is_determined, part, math.nan) for part in (inverse, spread))
     finite = math.isfinite(math.asarray(solved.reduced.cost))
     singular = failure_if(~math.asarray(is_determined) & finite, RESULTS.rank_deficient)
     result = first_failure(singular, failure_if(~math.asarray(is_determined), RESULTS.nonfinite), solved.result)
@@ -92,7 +98,7 @@ def _estimate(prepared: Prepared, solved: Solved, inverse: Any, is_determined: A
     freedom = 2 * int(used.sum()) + 3 * int(control.sum()) + recorded + others.has_prior.sum() - size - q - 3 * points
     return Estimate(
         value=mean + scale * plain(state.u),
-        covariance=inverse[size:, size:] * math.outer(scale, scale),
+        covariance=spread[size:, size:] * math.outer(scale, scale),
         prior_share=math.where(math.asarray(others.has_prior), inverse.diagonal()[size:], math.nan),
         cost=cost,
         freedom=freedom if math is jnp else int(freedom),

@@ -103,6 +103,7 @@ def weights(seeds: Sequence[int]) -> Weights:
         # The first four groups are x and y of L1 and R1 in this order: the images that have control points.
         ratio = (found.components.factor[:4].reshape(2, 2) * factor[:2]).ravel()
         priors = [[dataclasses.replace(x, sigma=x.size * by) for x in flight.unknowns] for by in (1 / 30, 30.0)]
+        together = Reweigh(priors={"priors": [x.name for x in flight.unknowns]})  # each sigma by itself nobody could tell
         rows.append(
             (
                 error(solved(flight)),
@@ -111,7 +112,7 @@ def weights(seeds: Sequence[int]) -> Weights:
                 ratio,
                 found.components.log_sigma[:4],
                 [error(solved(flight, unknowns=prior)) for prior in priors],
-                [error(solved(flight, unknowns=prior, reweigh=Reweigh(priors=True))) for prior in priors],
+                [error(solved(flight, unknowns=prior, reweigh=together)) for prior in priors],
             )
         )
     return Weights(*map(np.array, zip(*rows, strict=True)))
