@@ -89,6 +89,8 @@ class Evidence:
     - `widened`: how much of each prior's variance what is considered adds to the answer's, (k,).
     - `suspects`: what numbers that nobody estimated do to the pixels, and every image's own pose.
     - `fit`: the residuals and what the fit took of them; None while tracing, and of batches.
+    - `passing`: gives what errors that are not stated as constant do to the pixels, (n, 2, k), and their frames; asked only where
+      it matters.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
     """
 
@@ -108,6 +110,7 @@ class Evidence:
     widened: Float[Any, " k"] | float = 0.0
     suspects: Suspects | None = None
     fit: AbstractFitted | None = None
+    passing: Callable[[], tuple[Any, tuple[str, ...]]] | None = None
 
     @cached_property
     def suspicions(self) -> Suspicions | None:

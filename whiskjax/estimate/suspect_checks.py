@@ -11,9 +11,9 @@ from .evidence import Evidence, seen_by
 from .fitted import Score, scores
 from .model_test import FAMILY
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
+from .score_family import MOVES, judged_together, most_significant
 
 _LIKE = 0.9  # correlation of what two suspects leave in the residuals: the data cannot tell them apart
-_MOVES = 1.0  # sigmas
 _NOTICED = 4.13  # sigmas: what a test at 0.1 % finds four times in five (Baarda)
 _SILENT = 3  # numbers that are named
 _FEWEST = 4  # measurements of an image whose pose is asked
@@ -23,7 +23,7 @@ def _suspected(e: Evidence) -> Figures:
     if (found := e.suspicions) is None:
         return np.asarray(FINE), {}
     beyond, moves = found.chance < FAMILY, np.abs(found.size) * found.taken
-    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
+    grade = graded(FAILURE, (beyond & (moves > MOVES)).any(), graded(CAUTION, beyond.any()))
     return grade, {
         "sigmas": found.sigmas, "size": found.size, "sigma": found.sigma, "moves": moves, "found": beyond, "like": found.like,
     }  # fmt: skip
@@ -56,7 +56,7 @@ def _silent(e: Evidence) -> Figures:
     """Errors of usual size that move the answer, and of which the residuals would say nothing."""
     if (found := e.suspicions) is None:
         return np.asarray(FINE), {}
-    is_silent = (found.taken > _MOVES) & (1 / found.sigma < _NOTICED)
+    is_silent = (found.taken > MOVES) & (1 / found.sigma < _NOTICED)
     return graded(CAUTION, is_silent.any()), {"silent": np.where(is_silent, found.taken, 0.0)}
 
 
@@ -82,11 +82,7 @@ def _posed(e: Evidence) -> Figures:
     """Whether one image's pose, freed, would explain the residuals."""
     if e.fit is None or e.suspects is None or not (members := _images(e)):
         return np.asarray(FINE), {}
-    found = _poses(e, members)
-    tail, moves, statistic = (np.array([getattr(one, name) for one in found]) for name in ("tail", "moves", "statistic"))
-    beyond = tail * len(found) < FAMILY
-    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
-    return grade, {"beyond": beyond, "moves": moves, "statistic": statistic, "size": np.array([one.size for one in found])}
+    return judged_together(_poses(e, members))
 
 
 def _poses(e: Evidence, members: list[tuple[str, np.ndarray]]) -> list[Score]:
@@ -116,7 +112,7 @@ def _images(e: Evidence) -> list[tuple[str, np.ndarray]]:
 
 def _say_posed(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     names = [name for name, _ in _images(e)]
-    order = [int(i) for i in np.argsort(-found["statistic"]) if found["beyond"][i]]
+    order = most_significant(found)
     worst = order[0]
     turn, shift = np.degrees(found["size"][worst][:3]), found["size"][worst][3:]
     others = [names[i] for i in order[1:]]

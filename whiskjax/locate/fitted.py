@@ -19,7 +19,8 @@ class Residuals(eqx.Module):
 
     `white`, `rows`: residuals and their derivatives by the whole state over a factor of the covariance of all looks; the prior of
     the state by its `information` and `pull`, that times the state less its mean. `noise` (in sigmas of the pixel, `sigma_px`),
-    `effects` and `keep` say how anything else is whitened like them (innovations.py).
+    `effects` and `keep` say how anything else is whitened like them (innovations.py). `by_target_px`: derivatives of the pixels
+    by the target's place, world frame.
     """
 
     white: Float[Array, "looks 2"]
@@ -30,6 +31,7 @@ class Residuals(eqx.Module):
     effects: Float[Array, "looks 2 m"]
     keep: Float[Array, "looks m"]
     sigma_px: Float[Array, "looks 2"]
+    by_target_px: Float[Array, "looks 2 3"]
 
     @classmethod
     def of(cls, model: Model, prior: Belief, found: Solved) -> "Residuals":
@@ -40,7 +42,8 @@ class Residuals(eqx.Module):
         keep = jnp.stack([*model.remembered.keep], -1) if m else jnp.zeros((len(at.noise), 0))
         sigma = jnp.broadcast_to(jnp.stack([jnp.asarray(s, dtype=float) for s in model.sigma_px], -1), at.residual.shape)
         pull = information @ (found.state - mean)
-        return cls(at.white, at.white_rows, information, pull, at.noise, at.effects, keep, sigma)
+        by_target = at.rows[..., :3] * sigma[..., None]
+        return cls(at.white, at.white_rows, information, pull, at.noise, at.effects, keep, sigma, by_target)
 
     def fitted(self) -> Dense:
         """For the checks."""

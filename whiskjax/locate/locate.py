@@ -212,6 +212,8 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         _sensor=problem.sensor,
         _pixel_px=jnp.nan_to_num(problem.looks.pixel_px),
         _shot=problem.looks.shot,
+        _errors=problem.errors,
+        _surface=problem.surface,
         is_estimated=tuple(share == 1 for share in model.nuisance.share),
         kinks=kinks(problem.sensor, numbers),
         method=method,

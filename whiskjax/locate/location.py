@@ -9,11 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..algebra.vectors import unstack
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..earth.ellipsoid import ecef_to_geodetic
+from ..earth.surface import AbstractSurface
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.checks import CHECKS
+from ..estimate.error_effects import passing_effects_px
+from ..estimate.errors import FrameErrors
 from ..estimate.estimate import Estimate
 from ..estimate.evidence import Evidence, Grouping, Seen, Words
 from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
@@ -23,6 +27,7 @@ from ..rules import RESULTS, Numbers, arrays_of
 from ..rules.results import codes_of
 from .fitted import Residuals
 from .look_by_look import LOOK_CHECKS, LookByLook, Sight
+from .two_targets import TWO_TARGETS
 
 _REMEDY = (
     "errors of the recorded poses are missing (errors=...), or are common to all looks (consider=..., estimate=...); do not "
@@ -68,6 +73,8 @@ class Location(eqx.Module):
     _sensor: Sensor
     _pixel_px: Float[Array, "looks 2"]
     _shot: Shot
+    _errors: tuple[FrameErrors, ...]
+    _surface: AbstractSurface
     is_estimated: tuple[bool, ...] = eqx.field(static=True)
     kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
@@ -169,24 +176,35 @@ class Location(eqx.Module):
             widened=2 * self.estimate.prior_share if self.considers else 0.0,  # at most
             suspects=self._suspects if is_judged else None,
             fit=self._residuals.fitted() if is_judged else None,
+            passing=self._passing,
         )
+
+    def _passing(self) -> tuple[Array, tuple[str, ...]]:
+        """What errors that are not stated as constant do to the pixels, and their frames."""
+        return passing_effects_px(self._errors, self._sensor, self._shot, unstack(jnp.asarray(self._seen_m)), self._surface)
 
     @property
     def _suspects(self) -> Suspects:
         """What was taken as known; of looks that were used."""
+        return suspects(self._sensor, self._shot, self._seen_m, self._pixel_px, self.estimate.places)
+
+    @property
+    def _seen_m(self) -> Float[np.ndarray, "looks 3"]:
+        """Where the target was at each look."""
         moved = 0.0
         if self.velocity_enu_mps is not None and self._time_s is not None:
             away_s = np.asarray(self._time_s) - np.asarray(self._time_s)[-1]
             moved = away_s[:, None] * np.asarray(self.world_from_enu @ self.velocity_enu_mps)
-        point = np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
-        return suspects(self._sensor, self._shot, point, self._pixel_px, self.estimate.places)
+        return np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks for and against the location, failures first."""
         known = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
-        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m)
-        return by_weight([*judged(CHECKS, known.evidence), *judged(LOOK_CHECKS, sight)])
+        evidence = known.evidence
+        by_target = known._residuals.by_target_px @ known.world_from_enu
+        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m, evidence.fit, by_target)
+        return by_weight([*judged(CHECKS, evidence), *judged((*LOOK_CHECKS, TWO_TARGETS), sight)])
 
     @property
     def is_sound(self) -> bool:

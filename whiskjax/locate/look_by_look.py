@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..estimate.fitted import Dense
 from ..estimate.reason import CAUTION, Check, Figures, Said, graded
 from ..rules import RESULTS
 from ..rules.results import codes_of, is_successful, message_of
@@ -52,12 +53,17 @@ class LookByLook(eqx.Module):
 
 
 class Sight(NamedTuple):
-    """Looks as their own checks see them: with the largest angle between two lines of sight, and how well they alone know the
-    distance (1-sigma)."""
+    """Looks as their own checks see them.
+
+    With the largest angle between two lines of sight, and how well they alone know the distance (1-sigma); the residuals, None
+    where there is no answer, and the derivatives of the pixels by the target's place east, north and up.
+    """
 
     looks: LookByLook
     convergence_rad: Float[Array, ""]
     line_sigma_m: Float[Array, ""]
+    fit: Dense | None
+    by_target_px: Float[Array, "looks 2 3"]
 
 
 def _unplaced(sight: Sight) -> Figures:
