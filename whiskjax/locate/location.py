@@ -50,6 +50,8 @@ class Location(eqx.Module):
     - `convergence_rad`: the largest angle at the target between two lines of sight that were used.
     - `line_m`, `line_direction`: where the estimate ended, and the direction (unit vector of the world frame) of which the looks
       alone know least, with `line_sigma_m` as 1-sigma: the line on which the target lies where its distance is not observable.
+    - `off_optimum_sigmas`: how far a filter ended from least squares of the looks that it used; 0 of a batch, NaN where the
+      target has accelerations, of which least squares knows nothing.
     - `shift`: of each number, in prior sigmas, (k,); `is_estimated`: which were estimated, and not considered.
     - `record`: numbers that tell one look from another; `kinks`: delays whose cost has kinks, and the links that cause them.
     """
@@ -65,6 +67,7 @@ class Location(eqx.Module):
     line_m: Float[Array, "3"]
     line_direction: Float[Array, "3"]
     line_sigma_m: Float[Array, ""]
+    off_optimum_sigmas: Float[Array, ""]
     result: RESULTS
     shift: Float[Array, " k"]
     record: Float[Array, "looks d"]
@@ -145,9 +148,7 @@ class Location(eqx.Module):
         looks, n = self.looks, self.looks.nis.shape[0]
         is_judged = arrays_of(self.estimate.covariance) is not jnp and looks.nis.ndim == 1 and not int(codes_of(self.result))
         traced = arrays_of(self.estimate.covariance) is jnp or looks.nis.ndim > 1
-        how = (
-            "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
-        )
+        how = "least squares converged" if self.method == "batch" else "the filter went through all looks"
         measured = Seen(
             candidate=looks.counts,
             used=looks.is_used,
@@ -203,7 +204,7 @@ class Location(eqx.Module):
         known = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
         evidence = known.evidence
         by_target = known._residuals.by_target_px @ known.world_from_enu
-        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m, evidence.fit, by_target)
+        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m, known.off_optimum_sigmas, evidence.fit, by_target)
         return by_weight([*judged(CHECKS, evidence), *judged((*LOOK_CHECKS, TWO_TARGETS), sight)])
 
     @property

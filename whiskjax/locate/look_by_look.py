@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..estimate.fitted import Dense
-from ..estimate.reason import CAUTION, Check, Figures, Said, graded
+from ..estimate.reason import CAUTION, FAILURE, NOTE, Check, Figures, Said, graded
 from ..rules import RESULTS
 from ..rules.results import codes_of, is_successful, message_of
 
 _WEAK_RAD = math.radians(2.0)
+_OFF = 1.0  # sigma
 
 
 class LookByLook(eqx.Module):
@@ -21,9 +22,9 @@ class LookByLook(eqx.Module):
 
     `point_m` (world frame) and `covariance_enu_m2` are the estimate after each look. `innovation_px` is measured minus predicted
     before it, with its covariance and normalised square (NIS, chi-square with 2 degrees of freedom); of a batch it is the
-    residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; `result` says of each
-    whether its pose is known, `at_end` whether it can have seen the target where the estimate ended, `is_beside` whether it was
-    measured far beside the detector.
+    residual at the solution. A look is used where it was measured and seen (`counts`) and passed the gate; one that repeats an
+    earlier look (`is_repeat`) does not count. `result` says of each whether its pose is known, `at_end` whether it can have seen
+    the target where the estimate ended, `is_beside` whether it was measured far beside the detector.
 
     Of a line camera the second coordinate, and its sigma, are focal-plane pixels across the line at the shot's time, not lines:
     one line is `px_per_line` of them.
@@ -35,6 +36,7 @@ class LookByLook(eqx.Module):
     innovation_covariance_px2: Float[Array, "looks 2 2"]
     nis: Float[Array, " looks"]
     is_missed: Bool[Array, " looks"]
+    is_repeat: Bool[Array, " looks"]
     result: RESULTS
     counts: Bool[Array, " looks"]
     passes: Bool[Array, " looks"]
@@ -55,13 +57,15 @@ class LookByLook(eqx.Module):
 class Sight(NamedTuple):
     """Looks as their own checks see them.
 
-    With the largest angle between two lines of sight, and how well they alone know the distance (1-sigma); the residuals, None
-    where there is no answer, and the derivatives of the pixels by the target's place east, north and up.
+    With the largest angle between two lines of sight, and how well they alone know the distance (1-sigma); how many sigmas a
+    filter ended from least squares of the looks that it used; the residuals, None where there is no answer, and the derivatives
+    of the pixels by the target's place east, north and up.
     """
 
     looks: LookByLook
     convergence_rad: Float[Array, ""]
     line_sigma_m: Float[Array, ""]
+    off_optimum_sigmas: Float[Array, ""]
     fit: Dense | None
     by_target_px: Float[Array, "looks 2 3"]
 
@@ -69,7 +73,7 @@ class Sight(NamedTuple):
 def _unplaced(sight: Sight) -> Figures:
     """Looks whose pose is not known, or whose target is behind the camera."""
     code = codes_of(sight.looks.result)
-    behind = ~sight.looks.counts & ~sight.looks.is_missed & (code == 0)
+    behind = ~sight.looks.counts & ~sight.looks.is_missed & ~sight.looks.is_repeat & (code == 0)
     return graded(CAUTION, ((code != 0) | behind).any()), {"code": code, "behind": behind}
 
 
@@ -93,6 +97,20 @@ def _say_missed(found: dict[str, Any], _: Sight) -> Iterable[Said]:
     yield f"{len(missed)} of {len(found['missed'])} looks have no measurement", {"looks": missed}
 
 
+def _repeated(sight: Sight) -> Figures:
+    repeat = sight.looks.is_repeat & ~sight.looks.is_missed
+    return graded(CAUTION, repeat.any()), {"repeat": repeat}
+
+
+def _say_repeated(found: dict[str, Any], _: Sight) -> Iterable[Said]:
+    repeat = np.flatnonzero(found["repeat"]).tolist()
+    yield (
+        f"{len(repeat)} of {len(found['repeat'])} looks repeat an earlier one, its time, keys and pixel, and were left out: each "
+        "is counted once",
+        {"looks": repeat},
+    )
+
+
 def _weak(sight: Sight) -> Figures:
     several = sight.looks.is_used.sum() > 1
     figures = {"convergence_rad": sight.convergence_rad, "sigma_m": sight.line_sigma_m}
@@ -107,8 +125,25 @@ def _say_weak(found: dict[str, Any], _: Sight) -> Iterable[Said]:
     )
 
 
+def _beside(sight: Sight) -> Figures:
+    """The filter's answer beside that of all looks at once."""
+    off = sight.off_optimum_sigmas
+    return graded(FAILURE, off > _OFF, graded(CAUTION, off > _OFF / 2, graded(NOTE, ~(off == 0)))), {"sigmas": off}
+
+
+def _say_beside(found: dict[str, Any], _: Sight) -> Iterable[Said]:
+    off = float(found["sigmas"])
+    if math.isnan(off):
+        yield "least squares knows nothing of a target's accelerations: nothing stands beside the filter's answer", {}
+        return
+    remedy = '; a guess nearer to the target would help, or method="batch"' if off > _OFF / 2 else ""
+    yield f"the filter ended {off:.2g} sigma from where least squares of the same looks does{remedy}", {"sigmas": off}
+
+
 LOOK_CHECKS = (
     Check("looks left out", _unplaced, _say_unplaced),
     Check("looks missed", _missed, _say_missed),
+    Check("looks repeated", _repeated, _say_repeated),
+    Check("filter and all looks", _beside, _say_beside),
     Check("convergence", _weak, _say_weak),
 )

@@ -6,6 +6,7 @@ from jaxtyping import Array, Bool, Float
 from .all_looks import Solved
 from .filter import Belief
 from .model import Model
+from .problem import as_matrix
 
 # A filter that ends so many sigmas from least squares of its own looks has diverged.
 _DIVERGED_SIGMAS = 5.0
@@ -51,6 +52,20 @@ def has_diverged(
     spread = factor * (covariance + solved.covariance) * jnp.outer(share, share) + jnp.diag(1 - share)
     away = (state - solved.state) * share
     return ~(away @ jnp.linalg.solve(spread, away) <= _DIVERGED_SIGMAS**2)
+
+
+def off_optimum(model: Model, state: Float[Array, " n"], solved: Solved) -> Float[Array, ""]:
+    """How far a filter's end is from least squares of the looks that it used: in sigmas of that, along the way between them.
+
+    Of a target with accelerations least squares knows nothing: not a number.
+    """
+    share = jnp.asarray(model.share, dtype=float)
+    away = (state - solved.state) * share
+    squared = away @ jnp.linalg.solve(solved.covariance * jnp.outer(share, share) + jnp.diag(1 - share), away)
+    off = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1.0)), 0.0)
+    if model.density is None:
+        return off
+    return jnp.where((as_matrix(model.density) != 0).any(), jnp.nan, off)
 
 
 def convergence(sight: Float[Array, "looks 3"], used: Bool[Array, " looks"]) -> Float[Array, ""]:
