@@ -4,8 +4,10 @@ import jax
 import numpy as np
 import pytest
 
+import whiskjax as wj
 from tests.locate.conftest import Run
 from tests.locate.textbooks import enu, least_squares
+from whiskjax.estimate.fitted import scores
 from whiskjax.flights import tianshan
 
 
@@ -72,3 +74,19 @@ def test_errors_of_poses_weigh(run):
     (said,) = two_targets(run.locate(run.looks_at(pixel), errors=tianshan.frame_errors()))
     clean = run.locate(errors=tianshan.frame_errors())
     assert not two_targets(clean) and said.figures["distance_m"] == pytest.approx(60.0, abs=40.0)
+
+
+def test_numbers_that_a_prior_holds_take_their_part(still):
+    """A prior that pulls: with the shift taken off the pixels the cost falls by the statistic, and the least of it is there."""
+    zero = wj.Unknown("zero", "gimbal_pitch.zero_rad", 1e-4, 3e-5)
+    pattern = beside(still, range(20), (1.0, 0.0, 0.0)) - still.pixel_px
+
+    def again(times):
+        return still.locate(still.looks_at(still.pixel_px + times * pattern), method="batch", estimate=[zero])
+
+    answer = again(1.0)
+    assert abs(float(answer.shift[0])) > 0.5
+    (found,) = scores(answer.evidence.fit, pattern.reshape(-1, 1), [slice(0, 1)])
+    low, middle, high = (float(again(1.0 - found.size[0] + s * found.sigma[0]).chi_square) for s in (-1, 0, 1))
+    assert float(answer.chi_square) - middle == pytest.approx(found.statistic, rel=2e-3)
+    assert low - middle == pytest.approx(1.0, abs=2e-3) and high - middle == pytest.approx(1.0, abs=2e-3)

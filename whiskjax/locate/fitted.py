@@ -43,7 +43,7 @@ class Residuals(eqx.Module):
         sigma = jnp.broadcast_to(jnp.stack([jnp.asarray(s, dtype=float) for s in model.sigma_px], -1), at.residual.shape)
         pull = information @ (found.state - mean)
         by_target = at.rows[..., :3] * sigma[..., None]
-        return cls(at.white, at.white_rows, information, pull, at.noise, at.effects, keep, sigma, by_target)
+        return cls(at.white, -at.white_rows, information, pull, at.noise, at.effects, keep, sigma, by_target)
 
     def fitted(self) -> Dense:
         """For the checks."""
