@@ -25,7 +25,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..rules import compiled, on_device, once
 from .errors import unit_motion
-from .fitted import VISIBLE, AbstractFitted
+from .fitted import AbstractFitted
 from .unknown import Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
@@ -70,7 +70,7 @@ def tested(fit: AbstractFitted, of: Suspects) -> Suspicions:
     pattern = fit.whitened((of.columns_px * of.usual).reshape(-1, len(of.names)))
     slope, gram = np.asarray(pattern.T @ fit.residual.ravel()), fit.gram(pattern)
     left, whole = gram.whole - gram.taken, gram.whole.diagonal()
-    seen = left.diagonal() > VISIBLE * np.where(whole > 0, whole, 1.0)
+    seen = left.diagonal() > fit.visible * np.where(whole > 0, whole, 1.0)
     root = np.sqrt(np.where(seen, left.diagonal(), 1.0))
     sigmas = np.where(seen, slope / root, 0.0)
     chance = np.array([math.erfc(abs(z) / math.sqrt(2)) for z in sigmas]) * max(int(seen.sum()), 1)

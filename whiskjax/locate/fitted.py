@@ -14,6 +14,11 @@ from .innovations import whitened
 from .model import Model
 
 
+# Of a pattern's square. Looks are linearised at recorded poses, whose errors (a thousandth of the way to the target) shift what
+# the fit leaves of a pattern that it takes but for a thousandth.
+_VISIBLE = 1e-3
+
+
 class Residuals(eqx.Module):
     """Least squares of the looks that were used, linearised where it ended.
 
@@ -54,4 +59,4 @@ class Residuals(eqx.Module):
             columns = pattern_px / np.asarray(self.sigma_px)[:, :, None]
             return np.asarray(whitened(self.noise, self.effects, self.keep, jnp.asarray(part), jnp.asarray(columns)))
 
-        return Dense(white, rows, information, pull, whitener)
+        return Dense(white, rows, information, pull, whitener, _VISIBLE)

@@ -25,6 +25,7 @@ from ..rules.results import choose, codes_of, failure_if, is_successful
 from .all_looks import at_last, solve
 from .filter import run
 from .fitted import Residuals
+from .ground import ground_seen
 from .guess import Guess, first_guess, take_sigma
 from .history import of_batch, of_filter
 from .location import Location
@@ -47,6 +48,7 @@ def locate(
     *,
     guess: Guess | None = None,
     surface: AbstractSurface | None = None,
+    surface_sigma_m: Float[Numbers, ""] | None = None,
     sigma_enu_m: Float[Numbers, "3"] | None = None,
     errors: Sequence[FrameErrors] = (),
     method: str = "iterated",
@@ -65,6 +67,8 @@ def locate(
     - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
     - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
+    - `surface_sigma_m`: of a target that is known to lie on the surface, how well (1-sigma of its distance from it): an
+      observation beside the looks, which alone need not know the distance then. None: nothing is known of its height.
     - `errors`: how the recorded poses of frames err; without them R is that of the pixels alone, as in Liu et al. (2019). What is
       new at every look enters R; what looks have in common is estimated with the target, by a filter as states, by a batch as the
       covariance of all looks (innovations.py: a step takes time with the looks, covariances of residuals with their square).
@@ -121,12 +125,16 @@ def locate(
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
         take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
+    ground = None
+    if surface_sigma_m is not None:
+        known = arrays.take("surface_sigma_m", surface_sigma_m, "", finite=True, above=0.0, meaning="one sigma, in metres")
+        ground = ground_seen(sensor, looks, surface, known)
     sensor, nuisance = gather(sensor, estimate, consider)
     if not is_traced(looks.pixel_px):
         tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
     answer = _solve(
-        Problem(sensor, looks, guess, surface, errors, nuisance, motion, common, looks.repeats()), method, nis, is_even
+        Problem(sensor, looks, guess, surface, errors, nuisance, motion, common, looks.repeats(), ground), method, nis, is_even
     )
     if throw:
         _raise(answer)
@@ -164,6 +172,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None, is_even: bool)
         lost = failure_if(has_diverged(model, state, covariance, looks.nis, looks.is_used, found), RESULTS.diverged)
         off = off_optimum(model, state, found)
     direction, line_sigma = weakest(model, prior, found)
+    known_sigma = line_sigma if problem.ground is None else weakest(model, prior, found, problem.ground)[1]
     ended, kinematic = stack(model.anchor_m) + state[:3], model.kinematic
     sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
     away = jnp.stack([jnp.broadcast_to(c, looks.nis.shape) for c in sensor.pose(model.shots).translation], -1) - ended[None]
@@ -176,7 +185,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None, is_even: bool)
         choose(looks.counts.any(), RESULTS.successful, _first_code(looks.result)),
         failure_if(measured.any() & ~looks.counts.any(), RESULTS.point_behind_camera),
         failure_if((2 * unseen.sum() > measured.sum()) | (looks.counts.any() & ~looks.is_used.any()), RESULTS.diverged),
-        failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
+        failure_if(~(known_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
         lost,
         _first_code(choose(looks.impossible, looks.at_end, RESULTS.successful)),
     )
@@ -206,6 +215,7 @@ def _solve(problem: Problem, method: str, gate_nis: float | None, is_even: bool)
         line_direction=direction,
         line_sigma_m=line_sigma,
         off_optimum_sigmas=off,
+        surface_sigma_m=None if problem.ground is None else problem.ground.sigma_m,
         result=result,
         shift=state[kinematic:],
         record=records(problem.looks.shot, problem.looks.pixel_px, problem.looks.sigma_px),

@@ -50,8 +50,9 @@ class Location(eqx.Module):
     - `convergence_rad`: the largest angle at the target between two lines of sight that were used.
     - `line_m`, `line_direction`: where the estimate ended, and the direction (unit vector of the world frame) of which the looks
       alone know least, with `line_sigma_m` as 1-sigma: the line on which the target lies where its distance is not observable.
-    - `off_optimum_sigmas`: how far a filter ended from least squares of the looks that it used; 0 of a batch, NaN where the
-      target has accelerations, of which least squares knows nothing.
+    - `off_optimum_sigmas`: how far a filter ended from least squares of the looks that it used; 0 of a batch, NaN where
+      the target has accelerations or numbers are considered: least squares then answers another question.
+    - `surface_sigma_m`: how well the target was said to lie on the surface; None where nobody said so.
     - `shift`: of each number, in prior sigmas, (k,); `is_estimated`: which were estimated, and not considered.
     - `record`: numbers that tell one look from another; `kinks`: delays whose cost has kinks, and the links that cause them.
     """
@@ -68,6 +69,7 @@ class Location(eqx.Module):
     line_direction: Float[Array, "3"]
     line_sigma_m: Float[Array, ""]
     off_optimum_sigmas: Float[Array, ""]
+    surface_sigma_m: Float[Array, ""] | None
     result: RESULTS
     shift: Float[Array, " k"]
     record: Float[Array, "looks d"]
@@ -204,7 +206,17 @@ class Location(eqx.Module):
         known = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
         evidence = known.evidence
         by_target = known._residuals.by_target_px @ known.world_from_enu
-        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m, known.off_optimum_sigmas, evidence.fit, by_target)
+        along = known.line_direction @ known.world_from_enu
+        sight = Sight(
+            looks=known.looks,
+            convergence_rad=known.convergence_rad,
+            line_sigma_m=known.line_sigma_m,
+            distance_sigma_m=np.sqrt(along @ known.covariance_enu_m2 @ along),
+            surface_sigma_m=known.surface_sigma_m,
+            off_optimum_sigmas=known.off_optimum_sigmas,
+            fit=evidence.fit,
+            by_target_px=by_target,
+        )
         return by_weight([*judged(CHECKS, evidence), *judged((*LOOK_CHECKS, TWO_TARGETS), sight)])
 
     @property

@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..estimate.fitted import Dense
-from ..estimate.reason import CAUTION, FAILURE, NOTE, Check, Figures, Said, graded
+from ..estimate.reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded
 from ..rules import RESULTS
 from ..rules.results import codes_of, is_successful, message_of
 
 _WEAK_RAD = math.radians(2.0)
 _OFF = 1.0  # sigma
+_DECIDES = 2.0  # times as large is the looks' own sigma
 
 
 class LookByLook(eqx.Module):
@@ -57,14 +58,17 @@ class LookByLook(eqx.Module):
 class Sight(NamedTuple):
     """Looks as their own checks see them.
 
-    With the largest angle between two lines of sight, and how well they alone know the distance (1-sigma); how many sigmas a
-    filter ended from least squares of the looks that it used; the residuals, None where there is no answer, and the derivatives
-    of the pixels by the target's place east, north and up.
+    With the largest angle between two lines of sight, and how well they alone know the distance (1-sigma); how well the answer
+    does, and the surface is known on which the target lies (None where nobody says so); how many sigmas a filter ended from
+    least squares of the looks that it used; the residuals, None where there is no answer, and the derivatives of the pixels by
+    the target's place east, north and up.
     """
 
     looks: LookByLook
     convergence_rad: Float[Array, ""]
     line_sigma_m: Float[Array, ""]
+    distance_sigma_m: Float[Array, ""]
+    surface_sigma_m: Float[Array, ""] | None
     off_optimum_sigmas: Float[Array, ""]
     fit: Dense | None
     by_target_px: Float[Array, "looks 2 3"]
@@ -125,6 +129,23 @@ def _say_weak(found: dict[str, Any], _: Sight) -> Iterable[Said]:
     )
 
 
+def _by_height(sight: Sight) -> Figures:
+    """Where the surface knows more of the distance than the looks do."""
+    if sight.surface_sigma_m is None:
+        return np.asarray(FINE), {}
+    return graded(CAUTION, sight.line_sigma_m > _DECIDES * sight.distance_sigma_m), {}
+
+
+def _say_by_height(_: dict[str, Any], sight: Sight) -> Iterable[Said]:
+    assert sight.surface_sigma_m is not None
+    surface, looks, both = (float(s) for s in (sight.surface_sigma_m, sight.line_sigma_m, sight.distance_sigma_m))
+    yield (
+        f"the height of the surface, said to be known to {surface:.3g} m, decides the distance: with it that is known to "
+        f"{both:.3g} m, by the looks alone to {looks:.3g} m (1-sigma)",
+        {"surface_sigma_m": surface, "distance_sigma_m": both, "sigma_m": looks},
+    )
+
+
 def _beside(sight: Sight) -> Figures:
     """The filter's answer beside that of all looks at once."""
     off = sight.off_optimum_sigmas
@@ -134,7 +155,10 @@ def _beside(sight: Sight) -> Figures:
 def _say_beside(found: dict[str, Any], _: Sight) -> Iterable[Said]:
     off = float(found["sigmas"])
     if math.isnan(off):
-        yield "least squares knows nothing of a target's accelerations: nothing stands beside the filter's answer", {}
+        yield (
+            "nothing stands beside the filter's answer: least squares has no accelerations, and considered numbers no weight",
+            {},
+        )
         return
     remedy = '; a guess nearer to the target would help, or method="batch"' if off > _OFF / 2 else ""
     yield f"the filter ended {off:.2g} sigma from where least squares of the same looks does{remedy}", {"sigmas": off}
@@ -144,6 +168,7 @@ LOOK_CHECKS = (
     Check("looks left out", _unplaced, _say_unplaced),
     Check("looks missed", _missed, _say_missed),
     Check("looks repeated", _repeated, _say_repeated),
+    Check("height", _by_height, _say_by_height),
     Check("filter and all looks", _beside, _say_beside),
     Check("convergence", _weak, _say_weak),
 )

@@ -16,6 +16,7 @@ from ..estimate.errors import FrameErrors
 from ..rules import RESULTS
 from ..rules.results import is_successful
 from .filter import Belief
+from .ground import Ground
 from .guess import Guess
 from .looks import Looks
 from .model import Model
@@ -39,7 +40,8 @@ class Standing(NamedTuple):
 
 
 class Problem(eqx.Module):
-    """All that is given: an instrument, what it saw, and what is known beforehand. `is_repeat`: None where no look can be one."""
+    """All that is given: an instrument, what it saw, and what is known beforehand. `is_repeat`: None where no look can be one;
+    `ground`: where the target lies on a surface."""
 
     sensor: Sensor
     looks: Looks
@@ -50,6 +52,7 @@ class Problem(eqx.Module):
     motion: ConstantVelocity | None
     remembered: Remembered = Remembered()
     is_repeat: Bool[Array, " looks"] | None = None
+    ground: Ground | None = None
 
     def standing(self) -> Standing:
         """Of the looks."""
@@ -66,7 +69,10 @@ class Problem(eqx.Module):
         level = self.surface.level(anchor)
         sensor, shots = ready(self.sensor, self.looks.shot, self.nuisance.numbers.links)
         to_world = as_matrix(level)
-        blocks = [to_world @ self.guess.covariance_enu_m2 @ to_world.T]
+        place, spread = jnp.zeros(3), to_world @ self.guess.covariance_enu_m2 @ to_world.T
+        if self.ground is not None:
+            place, spread = self.ground.given(self.guess.point_m, spread)
+        blocks = [spread]
         step = since = density = None
         if self.motion is not None:
             time = self.looks.shot.need("time_s", "and a target moves with the time")
@@ -75,7 +81,8 @@ class Problem(eqx.Module):
             blocks.append(to_world @ jnp.diag(self.motion.sigma_enu_mps**2) @ to_world.T)
         covariance = jax.scipy.linalg.block_diag(*blocks, self.nuisance.correlation)
         n = covariance.shape[0]
-        prior = Belief((jnp.zeros(()),) * n, tuple(tuple(covariance[i, j] for j in range(n)) for i in range(n)))
+        mean = (*unstack(place), *(jnp.zeros(()),) * (n - 3))
+        prior = Belief(mean, tuple(tuple(covariance[i, j] for j in range(n)) for i in range(n)))
         known = is_successful(self.sensor.check(self.looks.shot))
         if self.is_repeat is not None:
             known = known & ~self.is_repeat
