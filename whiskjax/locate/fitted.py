@@ -13,7 +13,6 @@ from .filter import Belief
 from .innovations import whitened
 from .model import Model
 
-
 # Of a pattern's square. Looks are linearised at recorded poses, whose errors (a thousandth of the way to the target) shift what
 # the fit leaves of a pattern that it takes but for a thousandth.
 _VISIBLE = 1e-3
