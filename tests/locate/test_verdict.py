@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 import whiskjax as wj
-from tests.locate.textbooks import TABLE_1, kalman
+from tests.locate.textbooks import EXACT, TABLE_1, differentiated, kalman, least_squares, noise_of
 from whiskjax.flights import tianshan
 
 GATE = 1e-3
@@ -45,13 +45,108 @@ def test_gross_errors_are_gated_and_listed_and_change_nothing(run, spoilt, metho
     assert not believed.is_sound and np.linalg.norm(np.asarray(believed.line_m) - np.asarray(clean.line_m)) > 5
 
 
-def test_the_gate_is_that_of_chi_square_with_two_freedoms(run, spoilt):
-    found = run.locate(run.looks_at(spoilt), gate=GATE, errors=tianshan.frame_errors(), throw=False)
-    plain = kalman(run.image, spoilt, np.zeros(3), run.prior, sigma_w=TABLE_1, relinearised=5, gate=stats.chi2.isf(GATE, 2))
-    np.testing.assert_array_equal(found.looks.passes, plain.nis <= stats.chi2.isf(GATE, 2))
-    np.testing.assert_allclose(found.looks.nis, plain.nis, rtol=1e-5)
-    sigma = np.sqrt(np.diag(plain.covariance[-1]))
-    assert np.abs((np.asarray(found.line_m) - run.anchor_m - plain.state[-1]) / sigma).max() < 1e-6
+def refitted(run, pixel, used):
+    """The NIS of each look beside least squares of all others that were used, by the textbook."""
+    nis = []
+    for k in range(40):
+        others = without(pixel, [i for i in range(40) if i == k or not used[i]])
+        fit = least_squares(run.image, others, np.zeros(3), run.prior, sigma_w=TABLE_1, steps=4)
+        rows = differentiated(lambda s, k=k: run.image(k, s, EXACT), fit.state)
+        spread = noise_of(run.image, k, fit.state, 2.0, TABLE_1) + rows @ fit.formal @ rows.T
+        residual = pixel[k] - run.image(k, fit.state, EXACT)
+        nis.append(residual @ np.linalg.solve(spread, residual))
+    return np.array(nis)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_gate_is_that_of_chi_square_with_two_freedoms_beside_all_other_looks(run, spoilt, method):
+    gate = 0.05  # which takes good looks, too
+    found = run.locate(run.looks_at(spoilt), gate=gate, errors=tianshan.frame_errors(), method=method, throw=False)
+    passes = np.asarray(found.looks.passes)
+    assert 2 < (~passes).sum() < 8
+    np.testing.assert_array_equal(passes, refitted(run, spoilt, passes) <= stats.chi2.isf(gate, 2))
+    if method == "iterated":
+        plain = kalman(
+            run.image, without(spoilt, np.flatnonzero(~passes)), np.zeros(3), run.prior, sigma_w=TABLE_1, relinearised=5
+        )
+        sigma = np.sqrt(np.diag(plain.covariance[-1]))
+        assert np.abs((np.asarray(found.line_m) - run.anchor_m - plain.state[-1]) / sigma).max() < 1e-6
+        np.testing.assert_allclose(np.asarray(found.looks.nis)[passes], plain.nis[passes], rtol=1e-5)
+
+
+PLACES = {"first": range(8), "in the middle": range(16, 24), "last": range(32, 40), "scattered": range(1, 40, 5)}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_gate_takes_the_same_looks_wherever_wrong_ones_stand(run, method):
+    """32 good looks, and 8 wrong ones among them: of the same good looks the answer is the same."""
+    answers = []
+    for places in PLACES.values():
+        wrong = np.isin(np.arange(40), list(places))
+        order = np.empty(40, dtype=int)
+        order[wrong], order[~wrong] = np.arange(8), np.arange(8, 40)
+        pixel = run.pixel_px[order] + np.where(wrong, 1.0, 0.0)[:, None] * [2500.0, -1500.0]
+        sensor = tianshan.sensor(jax.tree.map(lambda a, order=order: np.asarray(a)[order], run.recorded))
+        found = run.locate(run.looks_at(pixel), sensor=sensor, gate=GATE, errors=tianshan.frame_errors(), method=method)
+        assert found.gated == tuple(places)
+        answers.append(found)
+    first, sigma = answers[0], np.sqrt(np.diag(answers[0].covariance_enu_m2))
+    for other in answers[1:]:
+        away = np.asarray(first.world_from_enu).T @ (np.asarray(other.point_m) - np.asarray(first.point_m))
+        assert (np.abs(away) < 1e-6 * sigma).all()
+
+
+def repeated(run, times):
+    """Each look so many times in a row, its records with it."""
+    each = np.repeat(np.arange(40), times)
+    sensor = tianshan.sensor(jax.tree.map(lambda a: np.asarray(a)[each], run.recorded))
+    return sensor, run.time_s[each], run.pixel_px[each]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_looks_that_repeat_an_earlier_one_are_counted_once(run, method):
+    sensor, time_s, pixel = repeated(run, 3)
+    options = {"method": method, "errors": tianshan.frame_errors()}
+    once, found = run.locate(**options), run.locate(wj.Looks(wj.Shot(time_s=time_s), pixel, (2.0, 2.0)), sensor=sensor, **options)
+    (said,) = (one for one in found.reasons if one.kind == "looks repeated")
+    assert said.grade == "caution" and said.figures["looks"] == [i for i in range(120) if i % 3]
+    assert found.is_sound and found.freedom == 80 and not any(one.kind == "copies" for one in found.reasons)
+    sigma = np.sqrt(np.diag(once.covariance_enu_m2))
+    assert (np.abs(np.asarray(found.point_m) - np.asarray(once.point_m)) < 1e-6 * sigma.min()).all()
+    np.testing.assert_allclose(found.covariance_enu_m2, once.covariance_enu_m2, rtol=1e-6)
+
+    def traced(time_s, pixel):
+        looks = wj.Looks(wj.Shot(time_s=time_s), pixel, (2.0, 2.0))
+        return wj.locate(sensor, looks, guess=run.guess, throw=False, **options)
+
+    inside = jax.jit(traced)(time_s, pixel)
+    np.testing.assert_array_equal(inside.looks.is_repeat, np.arange(120) % 3 > 0)
+    np.testing.assert_allclose(inside.point_m, found.point_m, rtol=0, atol=1e-6)
+
+
+def test_looks_of_one_moment_at_different_pixels_are_no_repeats_and_near_copies_fail(run):
+    sensor, time_s, pixel = repeated(run, 2)
+    near = pixel + 1e-6 * (np.arange(80) % 2)[:, None]
+    found = run.locate(wj.Looks(wj.Shot(time_s=time_s), near, (2.0, 2.0)), sensor=sensor, errors=tianshan.frame_errors())
+    assert not np.asarray(found.looks.is_repeat).any()
+    assert any(one.kind == "copies" and one.grade == "failure" for one in found.reasons)
+
+
+def test_a_filter_says_how_far_it_ended_from_least_squares_of_its_looks(run):
+    for method in ("extended", "iterated"):
+        found = run.locate(method=method, errors=tianshan.frame_errors())
+        dense = least_squares(run.image, run.pixel_px, np.zeros(3), run.prior, sigma_w=TABLE_1)
+        away = np.asarray(found.point_m) - run.anchor_m - dense.state
+        expected = np.sqrt(away @ np.linalg.solve(dense.formal, away))
+        (said,) = (one for one in found.reasons if one.kind == "filter and all looks")
+        assert said.grade == "note" and said.figures["sigmas"] == pytest.approx(expected, rel=1e-3)
+    assert not any(one.kind == "filter and all looks" for one in run.locate(method="batch").reasons)
+    # From far away an extended filter ends where it began to err.
+    far = wj.Guess.around(run.anchor_m + 3000.0 * run.anchor_m / np.linalg.norm(run.anchor_m), np.full(3, 3000.0))
+    found = run.locate(guess=far, method="extended", errors=tianshan.frame_errors(), throw=False)
+    grade = {one.grade for one in found.reasons if one.kind == "filter and all looks"}
+    off = float(found.off_optimum_sigmas)
+    assert grade == {"failure" if off > 1 else "caution" if off > 0.5 else "note"} and off > 0.5
 
 
 @pytest.mark.parametrize("method", METHODS)

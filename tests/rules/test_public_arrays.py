@@ -315,7 +315,7 @@ TAKES = {
     ),
     "locate": Takes(
         {"sensor": SENSOR, "looks": LOOKS, "sigma_enu_m": THREE},
-        {"sigma_enu_m": TWO, "gate": TWO},
+        {"sigma_enu_m": TWO, "surface_sigma_m": TWO, "gate": TWO},
         others="sensor looks guess surface errors method estimate consider motion throw",
     ),
     "Looks": Takes(

@@ -194,7 +194,7 @@ class Turn(AbstractLink):
 
     def absent(self, field: str) -> Float[Array, "..."] | None:
         """An even scale."""
-        return jnp.zeros(_POWERS) if field == "polynomial_rad" else None
+        return np.zeros(_POWERS) if field == "polynomial_rad" else None
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..rules import arrays_of
 from ..rules.results import codes_of, message_of
+from .common_errors import COMMON_ERRORS
 from .evidence import Evidence, seen_by
 from .measurement_checks import BESIDE, COPIES, LEFT_OUT, LOPSIDED
 from .model_test import UNLIKELY
@@ -148,6 +149,6 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 
 CHECKS = (
-    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED, KINKS, RANK,
-    CORRELATION, PRIORS, FAR, TURNED, UNTESTED,
+    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, COMMON_ERRORS, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED,
+    KINKS, RANK, CORRELATION, PRIORS, FAR, TURNED, UNTESTED,
 )  # fmt: skip

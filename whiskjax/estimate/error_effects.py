@@ -71,6 +71,20 @@ def common_columns_px(
     return jnp.concatenate(columns, axis=2) if columns else jnp.zeros((n, 2, 0)), tuple(names)
 
 
+def passing_effects_px(
+    errors: Sequence[FrameErrors], sensor: Sensor, shot: Shot, point: Vec3, surface: AbstractSurface | None = None
+) -> tuple[Float[Array, "n 2 k"], tuple[str, ...]]:
+    """What one sigma of each error that is new at every exposure, or forgotten after a while, does to the pixels of the recorded
+    poses, and the frame of each.
+
+    **Arguments:** as of `white_covariance_px2`.
+    """
+    swept, n = _swept(sensor, shot, point), np.shape(point[0])[0]
+    found = [(one.frame, of) for one, k, of in _effects(errors, sensor, shot, swept, n, surface) if one.memory[k] != CONSTANT]
+    effects = jnp.stack([of for _, of in found], axis=2) if found else jnp.zeros((n, 2, 0))
+    return effects, tuple(frame for frame, _ in found)
+
+
 def _swept(sensor: Sensor, shot: Shot, point: Vec3) -> JointDerivatives:
     """By joints; while tracing evaluated once, and not again for each entry of what is stacked of it."""
     if arrays_of((sensor, shot, point)) is jnp:

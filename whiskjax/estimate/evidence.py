@@ -100,6 +100,8 @@ class Evidence:
     - `suspects`: what numbers that nobody estimated do to the pixels, and every image's own pose.
     - `fit`: the residuals and what the fit took of them; None while tracing, and of batches; `everything`: the same of a fit
       that knows the check points too, where these are measurements like the others.
+    - `passing`: gives what errors that are not stated as constant do to the pixels, (n, 2, k), and their frames; asked only where
+      it matters.
     - `kinks`: unknowns and the links whose linear interpolation kinks their cost.
     - `turned`: angles that ended far from their start, and the axes that would keep them small; none while tracing.
     """
@@ -123,6 +125,7 @@ class Evidence:
     suspects: Suspects | None = None
     fit: AbstractFitted | None = None
     everything: AbstractFitted | None = None
+    passing: Callable[[], tuple[Any, tuple[str, ...]]] | None = None
 
     @cached_property
     def suspicions(self) -> Suspicions | None:

@@ -36,6 +36,7 @@ class AbstractFitted(abc.ABC):
     """
 
     residual: Float[np.ndarray, "n 2"]
+    visible: float = VISIBLE
 
     @abc.abstractmethod
     def whitened(self, pattern_px: Any) -> Any:
@@ -61,20 +62,20 @@ class Dense(AbstractFitted):
 
     **Arguments:** `residual`: whitened, (n, 2), at u; `rows`: its derivatives by k whitened numbers, (n, 2, k), zero where a
     measurement took no part; `information`: of their priors, (k, k), and `pull`, its product with u less the prior mean;
-    `whitener`: from pixels (n, 2, d) to whitened (n, 2, d).
+    `whitener`: from pixels (n, 2, d) to whitened (n, 2, d); `visible`: of a pattern's square what the fit has to leave.
 
     The residuals are those where all k numbers are at their optimum: numbers that were only considered are estimated here, so
     that what they explain is no sign of anything else.
     """
 
-    def __init__(self, residual: Any, rows: Any, information: Any, pull: Any, whitener: Any):
+    def __init__(self, residual: Any, rows: Any, information: Any, pull: Any, whitener: Any, visible: float = VISIBLE):
         flat = np.asarray(rows).reshape(-1, np.shape(rows)[-1])
         normal = flat.T @ flat + information
         scale = 1 / np.sqrt(np.where(normal.diagonal() > 0, normal.diagonal(), 1.0))
         self._covariance = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
         step = -self._covariance @ (flat.T @ np.ravel(residual) + pull)
         self.residual = (np.ravel(residual) + flat @ step).reshape(-1, 2)
-        self._rows, self._whitener = flat, whitener
+        self._rows, self._whitener, self.visible = flat, whitener, visible
 
     def whitened(self, pattern_px: Any) -> Any:
         """Errors of the pixels over the sigmas."""
@@ -110,18 +111,18 @@ def scores(fit: AbstractFitted, pattern_px: Any, groups: list[slice]) -> list[Sc
     pattern = fit.whitened(pattern_px)
     slope = np.asarray(pattern.T @ fit.residual.ravel())
     gram = fit.gram(pattern)
-    return [_score(slope[g], gram.whole[g, g], gram.taken[g, g]) for g in groups]
+    return [_score(slope[g], gram.whole[g, g], gram.taken[g, g], fit.visible) for g in groups]
 
 
-def _score(slope: Any, whole: Any, taken: Any) -> Score:
+def _score(slope: Any, whole: Any, taken: Any, visible: float) -> Score:
     length = np.sqrt(np.where(whole.diagonal() > 0, whole.diagonal(), 1.0))
     values, vectors = np.linalg.eigh((whole - taken) / np.outer(length, length))
-    seen = values > VISIBLE
+    seen = values > visible
     along = (vectors[:, seen] / np.sqrt(values[seen])) / length[:, None]
     size = along @ (along.T @ slope)
     statistic = float(np.sum((along.T @ slope) ** 2))
     moves = math.sqrt(max(float(size @ taken @ size), 0.0))
     # What cannot be seen at all has no sigma.
-    hidden = (vectors[:, ~seen] ** 2).sum(axis=1) > VISIBLE
+    hidden = (vectors[:, ~seen] ** 2).sum(axis=1) > visible
     sigma = np.where(hidden, np.inf, np.sqrt((along**2).sum(axis=1)))
     return Score(statistic, int(seen.sum()), chi_square_tail(statistic, int(seen.sum())), size, sigma, moves)

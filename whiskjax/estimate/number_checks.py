@@ -16,7 +16,9 @@ from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded,
 PRIOR_ONLY = 0.05  # of the prior variance: data that took less of it away said nothing new
 CORRELATED, INSEPARABLE = 0.9, 0.95
 _MOSTLY_DATA, _FAR = 0.5, 3.0  # of the prior variance; prior sigmas
-_MOVABLE = 1e-3  # of the prior variance: of a number that can move less, the data say nothing
+# Of the prior variance: a number that the data move by less than a tenth of its prior sigma is moved as much by what is of second
+# order, and says nothing of its prior (looks at a target whose distance is hardly observable).
+_MOVABLE = 1e-2
 _LISTED = 6  # names
 
 

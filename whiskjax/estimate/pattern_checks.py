@@ -15,12 +15,13 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csc_array
 
 from .evidence import Evidence, Grouping, Seen, seen_by
-from .fitted import AbstractFitted, Score, scores
+from .fitted import AbstractFitted, scores
 from .model_test import FAMILY, chi_square_tail
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, about, graded, probability, several
+from .score_family import MOVES, in_sigmas, judged_together, most_significant
 from .wander import memories
 
-_MOVES, _STRETCHES = 1.0, 1.1  # sigmas; a factor on them
+_STRETCHES = 1.1  # a factor on sigmas
 _FEWEST, _ORDERED = 3, 20  # measurements that make a group, and an order
 _SMALL = 0.2  # of a sigma: residuals below that do no harm however they hang together
 _DEGREES, _LAGS = 3, 3  # of polynomials; neighbours on either side
@@ -41,7 +42,7 @@ def _single(e: Evidence) -> Figures:
     # External reliability: the part of its size that the fit took.
     size = vectors[worst] @ (along[worst] / np.sqrt(np.where(seen[worst], values[worst], 1.0)))
     moves = math.sqrt(max(float(size @ (np.eye(2) - e.fit.left[worst]) @ size), 0.0))
-    grade = graded(FAILURE, (chance < FAMILY) & (moves > _MOVES), graded(CAUTION, chance < FAMILY))
+    grade = graded(FAILURE, (chance < FAMILY) & (moves > MOVES), graded(CAUTION, chance < FAMILY))
     return grade, {"measurement": worst, "sigmas": math.sqrt(squared[worst]), "moves": moves, "chance": chance}
 
 
@@ -61,20 +62,20 @@ def _shifted(e: Evidence) -> Figures:
     """Groups whose residuals have a mean."""
     if e.fit is None or e.seen is None or not (found := list(_groups(e.seen, e.fit))):
         return np.asarray(FINE), {}
-    return _graded(scores(e.fit, *_constants([members for _, _, members in found])))
+    return judged_together(scores(e.fit, *_constants([members for _, _, members in found])))
 
 
 def _say_shifted(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.fit is not None
     groups = list(_groups(seen_by(e), e.fit))
-    worst, *others = _found(found)
+    worst, *others = most_significant(found)
     kind, name, _ = groups[worst]
     x, y = found["size"][worst][:2]
     named = [f"{groups[i][0]} {groups[i][1]}" for i in others]
     more = f"; so are those of {several(named)}" if named else ""
     yield (
-        f"the residuals of {kind} {name} are shifted by {x:+.2g} and {y:+.2g} px ({_sigmas(found, worst)}): an error that all of "
-        f"it shares{more}",
+        f"the residuals of {kind} {name} are shifted by {x:+.2g} and {y:+.2g} px ({in_sigmas(found, worst)}): an error that all "
+        f"of it shares{more}",
         {kind: name, "groups": [groups[i][1] for i in (worst, *others)], "shift_px": (float(x), float(y))},
     )
 
@@ -125,7 +126,7 @@ def _bent(e: Evidence) -> Figures:
         return np.asarray(FINE), {}
     patterns = [_polynomials(value, members) for _, value, members in found]
     width = patterns[0].shape[1]
-    return _graded(
+    return judged_together(
         scores(e.fit, np.concatenate(patterns, axis=1), [slice(i, i + width) for i in range(0, width * len(found), width)])
     )
 
@@ -133,10 +134,10 @@ def _bent(e: Evidence) -> Figures:
 def _say_bent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     assert e.fit is not None
     along = [name for name, *_ in _courses(seen_by(e), e.fit)]
-    worst, *others = _found(found)
+    worst, *others = most_significant(found)
     more = f", as along {several([along[i] for i in others])}" if others else ""
     yield (
-        f"the residuals follow a curve along {along[worst]} ({_sigmas(found, worst)}){more}: the model lacks something that "
+        f"the residuals follow a curve along {along[worst]} ({in_sigmas(found, worst)}){more}: the model lacks something that "
         "changes with it",
         {"along": along[worst]},
     )
@@ -303,30 +304,3 @@ def _polynomials(value: Float[np.ndarray, " n"], members: Bool[np.ndarray, " n"]
     scaled = np.where(members, 2 * (value - low) / (high - low) - 1, 0.0)
     each = np.polynomial.legendre.legvander(scaled, _DEGREES)[:, 1:] * members[:, None]
     return np.einsum("nd,ab->nadb", each, np.eye(2)).reshape(2 * len(value), -1)
-
-
-def _graded(found: list[Score]) -> Figures:
-    """Of a family: beyond chance for the best of all its members; a failure where it moved something."""
-    tail, moves, statistic, freedom = (
-        np.array([getattr(one, name) for one in found]) for name in ("tail", "moves", "statistic", "freedom")
-    )
-    beyond = tail * max((freedom > 0).sum(), 1) < FAMILY
-    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
-    return grade, {
-        "beyond": beyond,
-        "moves": moves,
-        "statistic": statistic,
-        "freedom": freedom,
-        "size": np.array([one.size for one in found]),
-    }
-
-
-def _found(found: dict[str, Any]) -> list[int]:
-    """Members beyond chance, the most significant first."""
-    order = np.argsort(-(found["statistic"] - found["freedom"]))
-    return [int(i) for i in order if found["beyond"][i]]
-
-
-def _sigmas(found: dict[str, Any], i: int) -> str:
-    said = f"{math.sqrt(float(found['statistic'][i])):.3g} sigma"
-    return f"{said}, and moved the answer by {about(float(found['moves'][i]))}"

@@ -12,10 +12,10 @@ from .evidence import Evidence, seen_by
 from .fitted import Score, scores
 from .model_test import FAMILY
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
+from .score_family import MOVES, judged_together, most_significant
 from .suspects import DATUM, Suspects
 
 _LIKE = 0.9  # correlation of what two suspects leave in the residuals: the data cannot tell them apart
-_MOVES = 1.0  # sigmas
 _NOTICED = 4.13  # sigmas: what a test at 0.1 % finds four times in five (Baarda)
 _SILENT, _ALIKE = 3, 3  # things that are named, and numbers of each
 _FEWEST = 4  # measurements of an image whose pose is asked
@@ -26,7 +26,7 @@ def _suspected(e: Evidence) -> Figures:
     if (found := e.suspicions) is None:
         return np.asarray(FINE), {}
     beyond, moves = found.chance < FAMILY, np.abs(found.size) * found.taken
-    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
+    grade = graded(FAILURE, (beyond & (moves > MOVES)).any(), graded(CAUTION, beyond.any()))
     return grade, {
         "sigmas": found.sigmas, "size": found.size, "sigma": found.sigma, "moves": moves, "found": beyond, "like": found.like,
     }  # fmt: skip
@@ -59,7 +59,7 @@ def _silent(e: Evidence) -> Figures:
     """Errors of usual size, of what was taken as exact, that move the answer, and of which the residuals would say nothing."""
     if (found := e.suspicions) is None:
         return np.asarray(FINE), {}
-    is_silent = (found.taken > _MOVES) & (1 / found.sigma < _NOTICED)
+    is_silent = (found.taken > MOVES) & (1 / found.sigma < _NOTICED)
     return graded(CAUTION, is_silent.any()), {"silent": np.where(is_silent, found.taken, 0.0), "same": found.same}
 
 
@@ -116,11 +116,7 @@ def _posed(e: Evidence) -> Figures:
     """Whether the pose of an image, a strip or all, freed, would explain the residuals."""
     if e.fit is None or e.suspects is None or not (members := _posed_together(e)):
         return np.asarray(FINE), {}
-    found = _poses(e, members)
-    tail, moves, statistic = (np.array([getattr(one, name) for one in found]) for name in ("tail", "moves", "statistic"))
-    beyond = tail * len(found) < FAMILY
-    grade = graded(FAILURE, (beyond & (moves > _MOVES)).any(), graded(CAUTION, beyond.any()))
-    return grade, {"beyond": beyond, "moves": moves, "statistic": statistic, "size": np.array([one.size for one in found])}
+    return judged_together(_poses(e, members))
 
 
 def _poses(e: Evidence, members: list[Group]) -> list[Score]:
@@ -150,8 +146,7 @@ def _posed_together(e: Evidence) -> list[Group]:
 
 
 def _say_posed(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
-    groups = _posed_together(e)
-    order = [int(i) for i in np.argsort(-found["statistic"]) if found["beyond"][i]]
+    groups, order = _posed_together(e), most_significant(found)
     kind, name, _ = groups[order[0]]
     turn, shift = np.degrees(found["size"][order[0]][:3]), found["size"][order[0]][3:]
     others = [f"{groups[i].kind} {groups[i].name}" for i in order[1:]]

@@ -26,7 +26,7 @@ from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..rules import compiled, on_device, once
 from .errors import unit_motion
-from .fitted import VISIBLE, AbstractFitted
+from .fitted import AbstractFitted
 from .level import level_at
 from .unknown import ANGLE, METRE, Unit, unit_of
 
@@ -87,7 +87,7 @@ def tested(fit: AbstractFitted, of: Suspects, everything: AbstractFitted | None 
     pattern = pattern if everything is None else everything.whitened(errors_px)
     slope, gram = np.asarray(pattern.T @ asked.residual.ravel()), asked.gram(pattern)
     left, whole = gram.whole - gram.taken, gram.whole.diagonal()
-    seen = left.diagonal() > VISIBLE * np.where(whole > 0, whole, 1.0)
+    seen = left.diagonal() > asked.visible * np.where(whole > 0, whole, 1.0)
     root = np.sqrt(np.where(seen, left.diagonal(), 1.0))
     sigmas = np.where(seen, slope / root, 0.0)
     chance = np.array([math.erfc(abs(z) / math.sqrt(2)) for z in sigmas]) * max(int(seen.sum()), 1)

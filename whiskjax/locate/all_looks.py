@@ -16,8 +16,10 @@ from .model import Expected, Model
 
 # Steps in posterior sigmas below which nothing moves any more.
 _ENDED_SIGMAS = 1e-9
-# The gate closes in rounds, so that looks that bend the first solution do not take good ones with them.
+# The gate closes in rounds, so that looks that bend the first solution do not take good ones with them; then it stays where it is
+# until the looks that pass are those of which the solution was made, or for so many rounds.
 _GATES = (64.0, 16.0, 4.0, 1.0)
+_ROUNDS = 12
 
 
 class Equations(NamedTuple):
@@ -84,10 +86,20 @@ def solve(model: Model, prior: Belief, start: Float[Array, " n"], steps: int, ga
 
     used = jnp.ones(model.pixel_px[0].shape, dtype=bool)
     state, step = iterate(jax.lax.stop_gradient(start), used)
-    for limit in () if gate_nis is None else (wider * gate_nis for wider in _GATES):
-        found = equations(held, information_held, state, used)
-        used = _nis(found, _residual_covariance(held, found, jax.lax.stop_gradient(spread), estimated, used)) <= limit
-        state, step = iterate(state, used)
+    if gate_nis is not None:
+        limits, spread_held = gate_nis * jnp.asarray(_GATES), jax.lax.stop_gradient(spread)
+
+        def close(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            i, used, state, *_ = carry
+            found = equations(held, information_held, state, used)
+            passes = _nis(found, _residual_covariance(held, found, spread_held, estimated, used)) <= limits[i]
+            return i + 1, passes, *iterate(state, passes), (passes != used).any()
+
+        def is_open(carry: tuple[Array, ...]) -> Array:
+            return (carry[0] < len(_GATES)) | (carry[4] & (carry[0] < _ROUNDS))
+
+        begun = jnp.zeros((), int), used, state, step, jnp.ones((), dtype=bool)
+        _, used, state, step, _ = jax.lax.while_loop(is_open, close, begun)
 
     def vanishes(state: Array, model: Model, mean: Array, information: Array, start: Array, used: Array) -> Array:
         slope = _slope(equations(model, information, state, used), state, mean, information)

@@ -33,7 +33,9 @@ class Step(NamedTuple):
     passes: Component
 
 
-def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) -> tuple[Belief, Step]:
+def run(
+    model: Model, prior: Belief, iterations: int, gate_nis: float | None, passes: Bool[Array, " looks"] | None = None
+) -> tuple[Belief, Step]:
     """Correct the prior by one look after the other.
 
     **Arguments:**
@@ -41,25 +43,27 @@ def run(model: Model, prior: Belief, iterations: int, gate_nis: float | None) ->
     - `iterations`: how often each look is linearised again at its own result (Bell and Cathey 1993: Gauss-Newton on that look); 0
       is the extended filter.
     - `gate_nis`: looks whose normalised innovation squared is larger change nothing; None takes all.
+    - `passes`: which looks may change anything, where that is known already.
 
     **Returns:** the belief after the last look, and every look's `Step`, components with the looks as first axis.
     """
     own, shared = model.split()
 
-    def one(carry: Any, own: Model) -> tuple[Any, Any]:
+    def one(carry: Any, each: tuple[Model, Any]) -> tuple[Any, Any]:
+        own, passes = each
         look = eqx.combine(own, shared)
         belief = Belief(carry[0], _full(carry[1]))
         if look.remembered.size:
             belief = Belief(*look.remembered.predict(*belief))
         if look.density is not None:
             belief = Belief(*predict(*belief, Transition(look.step_s, look.density)))
-        step = correct(look, belief, iterations, gate_nis)
+        step = correct(look, belief, iterations, gate_nis, passes)
         carry = step.belief.state, _upper(step.belief.covariance)
         return carry, step._replace(belief=carry)
 
     n, prior = len(prior.state), _with_errors(prior, model.remembered.size)
     start = jax.tree.map(lambda c: jnp.asarray(c, dtype=float), (prior.state, _upper(prior.covariance)))
-    (state, upper), steps = jax.lax.scan(one, start, own)
+    (state, upper), steps = jax.lax.scan(one, start, (own, passes))
     return _first(n, state, _full(upper)), steps._replace(belief=_first(n, steps.belief[0], _full(steps.belief[1])))
 
 
@@ -76,7 +80,7 @@ def _first(n: int, state: State, covariance: Covariance) -> Belief:
     return Belief(state[:n], tuple(row[:n] for row in covariance[:n]))
 
 
-def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None) -> Step:
+def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None, allowed: Bool[Array, ""] | None = None) -> Step:
     """One look. One that does not count has no residual and no derivatives, and so changes nothing."""
 
     def relinearise(i: Any, last: _Pass) -> _Pass:
@@ -87,8 +91,10 @@ def correct(look: Model, prior: Belief, iterations: int, gate_nis: float | None)
             # z - h(s) - H (x - s): the residual at s, less what the way back to the prediction explains.
             way = tuple(sub(a, b) for a, b in zip(prior.state, last.state, strict=True))
             residual = tuple(sub(r, dot(h, way)) for r, h in zip(residual, linear.seen.rows, strict=True))
-        passes = jnp.ones((), dtype=bool) if gate_nis is None else predicted.nis <= gate_nis
+        passes = jnp.ones((), dtype=bool) if allowed is None else allowed
         if gate_nis is not None:
+            passes = passes & (predicted.nis <= gate_nis)
+        if gate_nis is not None or allowed is not None:
             share = tuple(mul(s, jnp.where(passes, 1.0, 0.0)) for s in share)
         k = gain(linear.crossed, linear.innovation.covariance, share)
         done = _Pass(corrected(prior.state, k, residual), k, linear, predicted, passes)

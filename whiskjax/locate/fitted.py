@@ -13,13 +13,18 @@ from .filter import Belief
 from .innovations import whitened
 from .model import Model
 
+# Of a pattern's square. Looks are linearised at recorded poses, whose errors (a thousandth of the way to the target) shift what
+# the fit leaves of a pattern that it takes but for a thousandth.
+_VISIBLE = 1e-3
+
 
 class Residuals(eqx.Module):
     """Least squares of the looks that were used, linearised where it ended.
 
     `white`, `rows`: residuals and their derivatives by the whole state over a factor of the covariance of all looks; the prior of
     the state by its `information` and `pull`, that times the state less its mean. `noise` (in sigmas of the pixel, `sigma_px`),
-    `effects` and `keep` say how anything else is whitened like them (innovations.py).
+    `effects` and `keep` say how anything else is whitened like them (innovations.py). `by_target_px`: derivatives of the pixels
+    by the target's place, world frame.
     """
 
     white: Float[Array, "looks 2"]
@@ -30,6 +35,7 @@ class Residuals(eqx.Module):
     effects: Float[Array, "looks 2 m"]
     keep: Float[Array, "looks m"]
     sigma_px: Float[Array, "looks 2"]
+    by_target_px: Float[Array, "looks 2 3"]
 
     @classmethod
     def of(cls, model: Model, prior: Belief, found: Solved) -> "Residuals":
@@ -40,7 +46,8 @@ class Residuals(eqx.Module):
         keep = jnp.stack([*model.remembered.keep], -1) if m else jnp.zeros((len(at.noise), 0))
         sigma = jnp.broadcast_to(jnp.stack([jnp.asarray(s, dtype=float) for s in model.sigma_px], -1), at.residual.shape)
         pull = information @ (found.state - mean)
-        return cls(at.white, at.white_rows, information, pull, at.noise, at.effects, keep, sigma)
+        by_target = at.rows[..., :3] * sigma[..., None]
+        return cls(at.white, -at.white_rows, information, pull, at.noise, at.effects, keep, sigma, by_target)
 
     def fitted(self) -> Dense:
         """For the checks."""
@@ -51,4 +58,4 @@ class Residuals(eqx.Module):
             columns = pattern_px / np.asarray(self.sigma_px)[:, :, None]
             return np.asarray(whitened(self.noise, self.effects, self.keep, jnp.asarray(part), jnp.asarray(columns)))
 
-        return Dense(white, rows, information, pull, whitener)
+        return Dense(white, rows, information, pull, whitener, _VISIBLE)

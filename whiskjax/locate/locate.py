@@ -7,12 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
-from ..algebra.vectors import stack, unstack, vadd
-from ..chain.detector import is_beside
+from ..algebra.vectors import stack, unstack
 from ..chain.extremes import refuse_extremes
-from ..chain.imaging import into_camera
 from ..chain.sensor import Sensor, fit_sensor
 from ..earth.surface import AbstractSurface, HeightSurface, need_surface
 from ..estimate.checks import ended
@@ -24,19 +22,19 @@ from ..estimate.level import refuse_unknown_up
 from ..rules import RESULTS, Arrays, Numbers, SensorError, WhiskjaxError, first_failure, is_traced, need, need_flags
 from ..rules.progress import tell
 from ..rules.results import choose, codes_of, failure_if, is_successful
-from .all_looks import Solved, at_last, solve
-from .filter import Step, run
+from .all_looks import at_last, solve
+from .filter import run
 from .fitted import Residuals
+from .ground import ground_seen
 from .guess import Guess, first_guess, take_sigma
+from .history import of_batch, of_filter
 from .location import Location
-from .look_by_look import LookByLook
 from .looks import Looks
-from .model import Model
 from .motion import ConstantVelocity
 from .nuisance import gather
 from .problem import Problem, as_matrix
 from .remembered import remember
-from .verdict import convergence, has_diverged, weakest
+from .verdict import convergence, has_diverged, off_optimum, weakest
 
 _RELINEARISED = {"extended": 0, "iterated": 5}
 _METHODS = (*_RELINEARISED, "batch")
@@ -50,6 +48,7 @@ def locate(
     *,
     guess: Guess | None = None,
     surface: AbstractSurface | None = None,
+    surface_sigma_m: Float[Numbers, ""] | None = None,
     sigma_enu_m: Float[Numbers, "3"] | None = None,
     errors: Sequence[FrameErrors] = (),
     method: str = "iterated",
@@ -68,6 +67,8 @@ def locate(
     - `looks`: measured pixels in the order of time; links may hold records aligned with them (`Records`, `Readings`).
     - `guess`: where the filter starts. Without one: the intersection of the first look with `surface`, known to `sigma_enu_m`.
     - `surface`: for the first guess, and for what is up at the target; the ellipsoid by default.
+    - `surface_sigma_m`: of a target that is known to lie on the surface, how well (1-sigma of its distance from it): an
+      observation beside the looks, which alone need not know the distance then. None: nothing is known of its height.
     - `errors`: how the recorded poses of frames err; without them R is that of the pixels alone, as in Liu et al. (2019). What is
       new at every look enters R; what looks have in common is estimated with the target, by a filter as states, by a batch as the
       covariance of all looks (innovations.py: a step takes time with the looks, covariances of residuals with their square).
@@ -77,8 +78,9 @@ def locate(
     - `consider`: numbers that are not estimated but whose uncertainty counts (Schmidt 1966): unknowns with priors, or an earlier
       answer, whose posterior is handed on.
     - `motion`: for a target that moves; the result is its place at the last look.
-    - `gate`: the share of good looks that may be lost, as 1e-3: a look whose NIS is exceeded by chance less often is left out and
-      listed; None takes all.
+    - `gate`: the share of good looks that may be lost, as 1e-3: a look that lies where it would less often by chance is left out
+      and listed; None takes all. It is judged beside the solution of all others, whatever their order, until the looks that pass
+      are those that made it; where a target has accelerations by the filter, beside the looks before it.
     - `throw`: raise where there is no answer; else look at `result`.
 
     **Returns:** `Location`.
@@ -105,6 +107,8 @@ def locate(
     for i, one in enumerate(errors):
         for sigma in one.sigma:
             arrays.fit(f"errors[{i}]", np.shape(sigma), "...")
+    if surface_sigma_m is not None:
+        surface_sigma_m = arrays.take("surface_sigma_m", surface_sigma_m, "", finite=True, above=0.0, meaning="metres")
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
@@ -113,9 +117,9 @@ def locate(
     common = remember(errors, looks.shot, len(looks))
     if gate is not None and not 0 < float(Arrays("locate").take("gate", gate, "")) < 1:
         raise WhiskjaxError(f"locate: gate is a probability between 0 and 1, not {gate!r}")
-    if motion is not None:
-        if method == "batch" and (is_traced(motion.acceleration_enu) or bool((np.asarray(motion.acceleration_enu) != 0).any())):
-            raise WhiskjaxError('locate: a batch knows even motion only; set acceleration_enu to zero, or use method="iterated"')
+    is_even = motion is None or not (is_traced(motion.acceleration_enu) or bool((np.asarray(motion.acceleration_enu) != 0).any()))
+    if method == "batch" and not is_even:
+        raise WhiskjaxError('locate: a batch knows even motion only; set acceleration_enu to zero, or use method="iterated"')
     if not is_traced(looks.pixel_px) and np.isnan(np.asarray(looks.pixel_px)).any(axis=1).all():
         raise WhiskjaxError("locate: no look has a measurement")
     if guess is None:
@@ -123,11 +127,14 @@ def locate(
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
         take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
+    ground = None if surface_sigma_m is None else ground_seen(sensor, looks, surface, surface_sigma_m)
     sensor, nuisance = gather(sensor, estimate, consider)
     if not is_traced(looks.pixel_px):
         tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
     nis = None if gate is None else -2 * math.log(gate)
-    answer = _solve(Problem(sensor, looks, guess, surface, errors, nuisance, motion, common), method, nis)
+    answer = _solve(
+        Problem(sensor, looks, guess, surface, errors, nuisance, motion, common, looks.repeats(), ground), method, nis, is_even
+    )
     if throw:
         _raise(answer)
     return answer
@@ -142,40 +149,42 @@ def _refuse(one: FrameErrors, sensor: Sensor, looks: Looks, surface: AbstractSur
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
+def _solve(problem: Problem, method: str, gate_nis: float | None, is_even: bool) -> Location:
     model, prior = problem.pose()
-    is_missed = problem.looks.is_missed
-    poses = jax.tree.map(lambda code: code + jnp.zeros(is_missed.shape, jnp.int32), problem.sensor.check(problem.looks.shot))
+    standing, started = problem.standing(), at_last(model, prior)[0]
     if method == "batch":
-        found = solve(model, prior, at_last(model, prior)[0], _BATCH_STEPS, gate_nis)
+        found = solve(model, prior, started, _BATCH_STEPS, gate_nis)
         state, covariance, chi_square = found.state, found.covariance, found.cost
-        looks = _of_batch(model, found, is_missed, poses, _at_end(model, state))
-        lost = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged)
+        looks = of_batch(model, found, standing)
+        lost, off = failure_if(~(found.step < _SETTLED_SIGMAS), RESULTS.not_converged), jnp.zeros(())
     else:
-        belief, steps = run(model, prior, _RELINEARISED[method], gate_nis)
-        state, covariance, looks = (
-            jnp.stack(belief.state),
-            as_matrix(belief.covariance),
-            _of_filter(model, steps, is_missed, poses, _at_end(model, jnp.stack(belief.state))),
-        )
+        # A filter's own gate depends on the order of the looks: which pass it is asked of all of them, if that can be.
+        found = solve(model, prior, started, _BATCH_STEPS, gate_nis) if gate_nis is not None and is_even else None
+        passes = None if found is None else found.passes
+        belief, steps = run(model, prior, _RELINEARISED[method], gate_nis if found is None else None, passes)
+        state, covariance = jnp.stack(belief.state), as_matrix(belief.covariance)
+        looks = of_filter(model, steps, standing, state)
         chi_square = jnp.where(looks.is_used, looks.nis, 0.0).sum()
-        taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
-        found = solve(taken, prior, state, _CHECK_STEPS, None)
+        if found is None:
+            taken = eqx.tree_at(lambda m: m.pixel_px, model, tuple(jnp.where(looks.is_used, z, jnp.nan) for z in model.pixel_px))
+            found = solve(taken, prior, state, _CHECK_STEPS, None)
         lost = failure_if(has_diverged(model, state, covariance, looks.nis, looks.is_used, found), RESULTS.diverged)
+        off = off_optimum(model, state, found)
     direction, line_sigma = weakest(model, prior, found)
+    known_sigma = line_sigma if problem.ground is None else weakest(model, prior, found, problem.ground)[1]
     ended, kinematic = stack(model.anchor_m) + state[:3], model.kinematic
     sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
     away = jnp.stack([jnp.broadcast_to(c, looks.nis.shape) for c in sensor.pose(model.shots).translation], -1) - ended[None]
     distance = jnp.linalg.norm(away, axis=-1)
     nearest = jnp.where(looks.is_used, distance, jnp.inf).min()
-    measured = ~is_missed & is_successful(looks.result)
+    measured = standing.is_measured
     unseen = measured & ~looks.counts
     result = first_failure(
         failure_if(~(jnp.isfinite(ended).all() & jnp.isfinite(covariance).all()), RESULTS.nonfinite),
         choose(looks.counts.any(), RESULTS.successful, _first_code(looks.result)),
         failure_if(measured.any() & ~looks.counts.any(), RESULTS.point_behind_camera),
         failure_if((2 * unseen.sum() > measured.sum()) | (looks.counts.any() & ~looks.is_used.any()), RESULTS.diverged),
-        failure_if(~(line_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
+        failure_if(~(known_sigma < 0.5 * nearest), RESULTS.depth_unobservable),
         lost,
         _first_code(choose(looks.impossible, looks.at_end, RESULTS.successful)),
     )
@@ -204,6 +213,8 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         line_m=ended,
         line_direction=direction,
         line_sigma_m=line_sigma,
+        off_optimum_sigmas=off,
+        surface_sigma_m=None if problem.ground is None else problem.ground.sigma_m,
         result=result,
         shift=state[kinematic:],
         record=records(problem.looks.shot, problem.looks.pixel_px, problem.looks.sigma_px),
@@ -212,73 +223,12 @@ def _solve(problem: Problem, method: str, gate_nis: float | None) -> Location:
         _sensor=problem.sensor,
         _pixel_px=jnp.nan_to_num(problem.looks.pixel_px),
         _shot=problem.looks.shot,
-        states_poses=bool(problem.errors),
+        _errors=problem.errors,
+        _surface=problem.surface,
         is_estimated=tuple(share == 1 for share in model.nuisance.share),
         kinks=kinks(problem.sensor, numbers),
         method=method,
     )
-
-
-def _at_end(model: Model, state: Float[Array, " n"]) -> RESULTS:
-    """Of each look, whether it can have seen the target of a state of the last look; a target that moves did so evenly."""
-    kinematic = model.kinematic
-    moved = [0.0] * 3 if model.since_s is None else [model.since_s * state[3 + i] for i in range(3)]
-    point = tuple(a + state[i] + moved[i] + jnp.zeros(model.pixel_px[0].shape) for i, a in enumerate(model.anchor_m))
-    sensor = model.nuisance.put(model.sensor, tuple(state[kinematic:]))
-    seen = sensor.camera_at(model.shots).check_direction(into_camera(sensor, model.shots, point))
-    return jax.tree.map(lambda code: code + jnp.zeros(point[0].shape, jnp.int32), seen)
-
-
-def _of_filter(model: Model, steps: Step, is_missed: Bool[Array, " looks"], result: RESULTS, at_end: RESULTS) -> LookByLook:
-    (state, covariance), innovation = steps.belief, steps.innovation
-    s00, s01, s11 = innovation.covariance
-    residual, spread = _in_pixels(model, stack(innovation.residual), as_matrix(((s00, s01), (s01, s11))), is_missed)
-    return LookByLook(
-        point_m=stack(vadd(model.anchor_m, state[:3])),
-        covariance_enu_m2=as_matrix(tuple(row[:3] for row in covariance[:3])),
-        innovation_px=residual,
-        innovation_covariance_px2=spread,
-        nis=innovation.nis,
-        is_missed=is_missed,
-        result=result,
-        counts=steps.counts,
-        passes=jnp.broadcast_to(steps.passes, is_missed.shape),
-        at_end=at_end,
-        is_beside=_beside(model),
-    )
-
-
-def _of_batch(model: Model, found: Solved, is_missed: Bool[Array, " looks"], result: RESULTS, at_end: RESULTS) -> LookByLook:
-    """A batch knows one answer; of a moving target it is where that was at each look."""
-    looks = found.nis.shape[0]
-    moved = 0.0 if model.since_s is None else model.since_s[:, None] * found.state[None, 3:6]
-    residual, spread = _in_pixels(model, found.equations.residual, found.residual_covariance, is_missed)
-    return LookByLook(
-        point_m=jnp.broadcast_to(stack(model.anchor_m) + found.state[:3], (looks, 3)) + moved,
-        covariance_enu_m2=jnp.broadcast_to(found.covariance[:3, :3], (looks, 3, 3)),
-        innovation_px=residual,
-        innovation_covariance_px2=spread,
-        nis=found.nis,
-        is_missed=is_missed,
-        result=result,
-        counts=found.equations.counts,
-        passes=found.passes,
-        at_end=at_end,
-        is_beside=_beside(model),
-    )
-
-
-def _beside(model: Model) -> Bool[Array, " looks"]:
-    """Looks that were measured far beside the detector."""
-    return is_beside(model.sensor.camera_at(model.shots), model.pixel_px)
-
-
-def _in_pixels(
-    model: Model, residual: Float[Array, "looks 2"], covariance: Float[Array, "looks 2 2"], is_missed: Bool[Array, " looks"]
-) -> tuple[Float[Array, "looks 2"], Float[Array, "looks 2 2"]]:
-    """From sigmas of the pixel to pixels; a look that was missed has no residual."""
-    sigma = jnp.broadcast_to(stack(model.sigma_px), residual.shape)
-    return jnp.where(is_missed[:, None], jnp.nan, residual * sigma), covariance * sigma[:, :, None] * sigma[:, None, :]
 
 
 def _first_code(of_looks: RESULTS) -> RESULTS:

@@ -9,11 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..algebra.vectors import unstack
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
 from ..earth.ellipsoid import ecef_to_geodetic
+from ..earth.surface import AbstractSurface
 from ..estimate.accuracy import Accuracy, accuracy
 from ..estimate.checks import CHECKS
+from ..estimate.error_effects import passing_effects_px
+from ..estimate.errors import FrameErrors
 from ..estimate.estimate import Estimate
 from ..estimate.evidence import Evidence, Grouping, Seen, Words
 from ..estimate.model_test import UNLIKELY, chi_square_tail, consistency
@@ -23,6 +27,7 @@ from ..rules import RESULTS, Numbers, arrays_of
 from ..rules.results import codes_of
 from .fitted import Residuals
 from .look_by_look import LOOK_CHECKS, LookByLook, Sight
+from .two_targets import TWO_TARGETS
 
 _REMEDY = (
     "errors of the recorded poses are missing (errors=...), or are common to all looks (consider=..., estimate=...); do not "
@@ -45,6 +50,9 @@ class Location(eqx.Module):
     - `convergence_rad`: the largest angle at the target between two lines of sight that were used.
     - `line_m`, `line_direction`: where the estimate ended, and the direction (unit vector of the world frame) of which the looks
       alone know least, with `line_sigma_m` as 1-sigma: the line on which the target lies where its distance is not observable.
+    - `off_optimum_sigmas`: how far a filter ended from least squares of the looks that it used; 0 of a batch, NaN where
+      the target has accelerations or numbers are considered: least squares then answers another question.
+    - `surface_sigma_m`: how well the target was said to lie on the surface; None where nobody said so.
     - `shift`: of each number, in prior sigmas, (k,); `is_estimated`: which were estimated, and not considered.
     - `record`: numbers that tell one look from another; `kinks`: delays whose cost has kinks, and the links that cause them.
     """
@@ -60,6 +68,8 @@ class Location(eqx.Module):
     line_m: Float[Array, "3"]
     line_direction: Float[Array, "3"]
     line_sigma_m: Float[Array, ""]
+    off_optimum_sigmas: Float[Array, ""]
+    surface_sigma_m: Float[Array, ""] | None
     result: RESULTS
     shift: Float[Array, " k"]
     record: Float[Array, "looks d"]
@@ -68,8 +78,9 @@ class Location(eqx.Module):
     _sensor: Sensor
     _pixel_px: Float[Array, "looks 2"]
     _shot: Shot
+    _errors: tuple[FrameErrors, ...]
+    _surface: AbstractSurface
     is_estimated: tuple[bool, ...] = eqx.field(static=True)
-    states_poses: bool = eqx.field(static=True)
     kinks: tuple[tuple[str, str], ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
 
@@ -139,9 +150,7 @@ class Location(eqx.Module):
         looks, n = self.looks, self.looks.nis.shape[0]
         is_judged = arrays_of(self.estimate.covariance) is not jnp and looks.nis.ndim == 1 and not int(codes_of(self.result))
         traced = arrays_of(self.estimate.covariance) is jnp or looks.nis.ndim > 1
-        how = (
-            "the filter ends where least squares of the same looks does" if self.method != "batch" else "least squares converged"
-        )
+        how = "least squares converged" if self.method == "batch" else "the filter went through all looks"
         measured = Seen(
             candidate=looks.counts,
             used=looks.is_used,
@@ -170,25 +179,45 @@ class Location(eqx.Module):
             widened=2 * self.estimate.prior_share if self.considers else 0.0,  # at most
             suspects=self._suspects if is_judged else None,
             fit=self._residuals.fitted() if is_judged else None,
+            passing=self._passing,
         )
+
+    def _passing(self) -> tuple[Array, tuple[str, ...]]:
+        """What errors that are not stated as constant do to the pixels, and their frames."""
+        return passing_effects_px(self._errors, self._sensor, self._shot, unstack(jnp.asarray(self._seen_m)), self._surface)
 
     @property
     def _suspects(self) -> Suspects:
         """What was taken as known; of looks that were used."""
+        return suspects(self._sensor, self._shot, self._seen_m, self._pixel_px, self.estimate.places, stated=bool(self._errors))
+
+    @property
+    def _seen_m(self) -> Float[np.ndarray, "looks 3"]:
+        """Where the target was at each look."""
         moved = 0.0
         if self.velocity_enu_mps is not None and self._time_s is not None:
             away_s = np.asarray(self._time_s) - np.asarray(self._time_s)[-1]
             moved = away_s[:, None] * np.asarray(self.world_from_enu @ self.velocity_enu_mps)
-        point = np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
-        known, stated = self.estimate.places, self.states_poses
-        return suspects(self._sensor, self._shot, point, self._pixel_px, known, stated=stated)
+        return np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks for and against the location, failures first."""
         known = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, self)
-        sight = Sight(known.looks, known.convergence_rad, known.line_sigma_m)
-        return by_weight([*judged(CHECKS, known.evidence), *judged(LOOK_CHECKS, sight)])
+        evidence = known.evidence
+        by_target = known._residuals.by_target_px @ known.world_from_enu
+        along = known.line_direction @ known.world_from_enu
+        sight = Sight(
+            looks=known.looks,
+            convergence_rad=known.convergence_rad,
+            line_sigma_m=known.line_sigma_m,
+            distance_sigma_m=np.sqrt(along @ known.covariance_enu_m2 @ along),
+            surface_sigma_m=known.surface_sigma_m,
+            off_optimum_sigmas=known.off_optimum_sigmas,
+            fit=evidence.fit,
+            by_target_px=by_target,
+        )
+        return by_weight([*judged(CHECKS, evidence), *judged((*LOOK_CHECKS, TWO_TARGETS), sight)])
 
     @property
     def is_sound(self) -> bool:

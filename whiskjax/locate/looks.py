@@ -1,11 +1,12 @@
 """What was measured: where one target was seen, look after look."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..chain.shot import Shot, fit_shot
+from ..chain.shot import KEYS, Shot, fit_shot
 from ..rules import Arrays, Numbers, WhiskjaxError, is_traced, need, require_x64
 from ..rules.spread import refuse_sigmas, refuse_sizes
 
@@ -62,6 +63,22 @@ class Looks(eqx.Module):
     def is_missed(self) -> Bool[Array, " looks"]:
         """Looks without a measurement."""
         return jnp.isnan(self.pixel_px).any(axis=-1)
+
+    def repeats(self) -> Bool[Array, " looks"] | None:
+        """Looks that repeat an earlier one to the last digit: its time, its keys and its pixel. None where no two can be one.
+
+        They are counted once. Looks of one moment share all errors of its pose, and a pixel that comes out the same is the same
+        reading: by counting it again sigmas would become smaller, and nothing be known better. Without times a pixel alone does
+        not tell looks apart. Near-copies stay, and fail the answer: which of them is the measurement nobody can say.
+        """
+        time, pixel = self.shot.time_s, self.pixel_px
+        if time is None or (not is_traced(time) and (np.diff(np.asarray(time)) > 0).all()):
+            return None
+        keys = [getattr(self.shot, key) for key in KEYS if getattr(self.shot, key) is not None]
+        told = jnp.stack([jnp.broadcast_to(jnp.asarray(c, float), time.shape) for c in (*pixel.T, *keys, time)])
+        order = jnp.lexsort(jax.lax.stop_gradient(told))  # which keeps the order of equal ones
+        same = (told[:, order[1:]] == told[:, order[:-1]]).all(axis=0)
+        return jnp.zeros(len(self), dtype=bool).at[order[1:]].set(same)
 
 
 def _check_order(time_s: Float[np.ndarray, " looks"]) -> None:

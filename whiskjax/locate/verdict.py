@@ -5,21 +5,27 @@ from jaxtyping import Array, Bool, Float
 
 from .all_looks import Solved
 from .filter import Belief
+from .ground import Ground
 from .model import Model
+from .problem import as_matrix
 
 # A filter that ends so many sigmas from least squares of its own looks has diverged.
 _DIVERGED_SIGMAS = 5.0
 _WILD_NIS = 2 * _DIVERGED_SIGMAS**2
 
 
-def weakest(model: Model, prior: Belief, solved: Solved) -> tuple[Float[Array, "3"], Float[Array, ""]]:
+def weakest(
+    model: Model, prior: Belief, solved: Solved, ground: Ground | None = None
+) -> tuple[Float[Array, "3"], Float[Array, ""]]:
     """The direction (unit vector, axes of the world) in which the looks know the position least, and its 1-sigma in metres.
 
-    The prior of the position takes no part; velocity and nuisances have theirs.
+    The prior of the position takes no part, but for a `ground` where one is given; velocity and nuisances have theirs.
     """
     share = jnp.asarray(model.share, dtype=float)
     information = solved.equations.data * jnp.outer(share, share)
     own, rest = information[:3, :3], information[3:, 3:]
+    if ground is not None:
+        own = own + ground.information
     if len(share) > 3:
         known = jnp.stack([jnp.stack([jnp.asarray(c, dtype=float) for c in row[3:]]) for row in prior.covariance[3:]])
         own = own - information[:3, 3:] @ jnp.linalg.solve(rest + jnp.linalg.inv(known), information[3:, :3])
@@ -51,6 +57,22 @@ def has_diverged(
     spread = factor * (covariance + solved.covariance) * jnp.outer(share, share) + jnp.diag(1 - share)
     away = (state - solved.state) * share
     return ~(away @ jnp.linalg.solve(spread, away) <= _DIVERGED_SIGMAS**2)
+
+
+def off_optimum(model: Model, state: Float[Array, " n"], solved: Solved) -> Float[Array, ""]:
+    """How far a filter's end is from least squares of the looks that it used: in sigmas of that, along the way between them.
+
+    Of a target with accelerations least squares knows nothing, and numbers that are only considered weigh on the looks of a
+    filter, but not on its: not a number.
+    """
+    if 0 in model.share:
+        return jnp.full((), jnp.nan)
+    away = state - solved.state
+    squared = away @ jnp.linalg.solve(solved.covariance, away)
+    off = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1.0)), 0.0)
+    if model.density is None:
+        return off
+    return jnp.where((as_matrix(model.density) != 0).any(), jnp.nan, off)
 
 
 def convergence(sight: Float[Array, "looks 3"], used: Bool[Array, " looks"]) -> Float[Array, ""]:
