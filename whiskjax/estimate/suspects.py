@@ -23,6 +23,7 @@ from ..chain.link import AbstractLink
 from ..chain.parameters import Parameters, passages
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
+from ..chain.stations import AbstractStations
 from ..rules import compiled, on_device, once
 from .errors import unit_motion
 from .fitted import VISIBLE, AbstractFitted
@@ -104,7 +105,13 @@ def suspects(
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
     most_usual = np.array([_largest(sensor, place) for place in places])
     usual = np.where(usual > most_usual, 0.0, usual)
-    return Suspects(names, sensor.names[0], tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
+    return Suspects(names, record_frame(sensor), tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion)
+
+
+def record_frame(sensor: Sensor) -> str:
+    """Whose errors are stated: the frame whose motions a block estimates, or else the outermost one, which is the record's."""
+    links = zip(sensor.names, sensor.links, strict=True)
+    return next((name for name, link in links if isinstance(link, AbstractStations)), sensor.names[0])
 
 
 def _owner(sensor: Sensor, place: Address) -> Any:
@@ -148,7 +155,7 @@ def _usual(place: Address, length_px: float) -> float:
 
 
 def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, Array, Array]:
-    """By each number, (k, n) of x and of y, and by the six motions of the outermost frame, (n, 2, 6).
+    """By each number, (k, n) of x and of y, and by the six motions of the frame of the record, (n, 2, 6).
 
     By numbers of the camera where a ray was measured, not where it is projected: there the errors of the poses are in the place,
     and residuals would be explained by themselves. Across a detector line the measured offset is noise, and the line is taken.
@@ -167,8 +174,8 @@ def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: 
             whole.at[which].add(jnp.broadcast_to(jnp.asarray(of, dtype=float), (len(which), n)))
             for whole, of in ((x, part.x), (y, part.y))
         )
-    outermost = sensor.names[0]
-    six = [found.follows(outermost, unit_motion(axis)) for axis in range(6)]
+    frame = record_frame(sensor)
+    six = [found.follows(frame, unit_motion(axis)) for axis in range(6)]
     rows = [jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1) for of in zip(*six, strict=True)]
     return x, y, jnp.stack(rows, -2)
 
