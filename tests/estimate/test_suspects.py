@@ -10,8 +10,8 @@ import whiskjax as wj
 from whiskjax.chain.address import make_room, parse, put, read
 from whiskjax.chain.free_numbers import free_numbers
 from whiskjax.estimate.reason import warnings
-from whiskjax.estimate.suspects import suspects
-from whiskjax.flights import haian, tianshan
+from whiskjax.estimate.suspects import record_frame, suspects
+from whiskjax.flights import haian, songshan, tianshan
 
 KINDS = ("one measurement", "a group shifted", "a group too large", "a curve in the residuals", "residuals hang together")
 
@@ -183,6 +183,14 @@ def test_looks_given_twice_are_copies():
         errors=flight.errors,
     )
     assert not answer.is_sound and "copies" in {one.kind for one in answer.reasons if one.grade == "failure"}
+
+
+def test_errors_are_stated_of_a_frame_that_takes_them():
+    """What a verdict says can be given: of songshan the corrections that `adjust` estimates, of haian the trajectory itself."""
+    scene = songshan.Scene("B")
+    block = songshan.sensor(scene, songshan.Path.draw(jax.random.key(0)).recorded(scene.data.strips, 1.0))
+    assert record_frame(block) == songshan.frame_errors(scene)[0].frame == "pos_error"
+    assert record_frame(haian.simulate(1).sensor) == haian.frame_errors()[0].frame == "body"
 
 
 def test_columns_are_differences():

@@ -208,7 +208,7 @@ class _Bend(NamedTuple):
     cubic: Float[Array, "*batch 4"] | None
     half_width_px: Component
     wave: Float[Array, "*batch 2"] | None
-    wavelength_px: Component | None
+    wavelength_px: Any
 
     def at(self, s: Component) -> Component:
         """By how much a centred sample lies beside the straight line."""

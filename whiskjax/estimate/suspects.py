@@ -24,6 +24,7 @@ from ..chain.link import AbstractLink
 from ..chain.parameters import Parameters, passages
 from ..chain.sensor import Sensor
 from ..chain.shot import Shot
+from ..chain.stations import AbstractStations
 from ..rules import compiled, on_device, once
 from .errors import unit_motion
 from .fitted import AbstractFitted
@@ -128,16 +129,21 @@ def suspects(
     usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
     most_usual = np.array([_largest(sensor, place) for place in places])
     usual = np.where(usual > most_usual, 0.0, usual)
-    found = Suspects(
-        names, ("",) * k, sensor.names[0], tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion, place
-    )
+    frame = record_frame(sensor)
+    found = Suspects(names, ("",) * k, frame, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion, place)
     if not stated:
-        found = _with(found, f"poses of {sensor.names[0]}", _MOTIONS, _POSE_UNITS, _POSE_USUAL, motion)
+        found = _with(found, f"poses of {frame}", _MOTIONS, _POSE_UNITS, _POSE_USUAL, motion)
     if given is not None and np.any(given):
         axes, world_from_level = level_at(np.asarray(point_m)[np.asarray(given)].mean(axis=0))
         moved = np.where(np.asarray(given)[:, None, None], place, 0.0) @ world_from_level
         found = _with(found, DATUM, axes, (METRE,) * 3, (_DATUM_M,) * 3, moved)
     return found
+
+
+def record_frame(sensor: Sensor) -> str:
+    """Whose errors are stated: the frame whose motions a block estimates, or else the outermost one, which is the record's."""
+    links = zip(sensor.names, sensor.links, strict=True)
+    return next((name for name, link in links if isinstance(link, AbstractStations)), sensor.names[0])
 
 
 def _with(
@@ -194,7 +200,7 @@ def _usual(place: Address, length_px: float) -> float:
 
 
 def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, ...]:
-    """By each number, (k, n) of x and of y, by the six motions of the outermost frame, (n, 2, 6), and by the point, (n, 2, 3).
+    """By each number, (k, n) of x and of y, by the six motions of the frame of the record, (n, 2, 6), and by the point, (n, 2, 3).
 
     By numbers of the camera where a ray was measured, not where it is projected: there the errors of the poses are in the place,
     and residuals would be explained by themselves. Across a detector line the measured offset is noise, and the line is taken.
@@ -213,8 +219,8 @@ def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: 
             whole.at[which].add(jnp.broadcast_to(jnp.asarray(of, dtype=float), (len(which), n)))
             for whole, of in ((x, part.x), (y, part.y))
         )
-    outermost = sensor.names[0]
-    six = [found.follows(outermost, unit_motion(axis)) for axis in range(6)]
+    frame = record_frame(sensor)
+    six = [found.follows(frame, unit_motion(axis)) for axis in range(6)]
     each = lambda of: jnp.stack([jnp.broadcast_to(jnp.asarray(c, dtype=float), (n,)) for c in of], -1)
     rows = lambda pair: jnp.stack([each(of) for of in pair], -2)
     return x, y, rows(zip(*six, strict=True)), rows(found.derivatives["earth"])
