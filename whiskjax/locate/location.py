@@ -179,7 +179,9 @@ class Location(eqx.Module):
             away_s = np.asarray(self._time_s) - np.asarray(self._time_s)[-1]
             moved = away_s[:, None] * np.asarray(self.world_from_enu @ self.velocity_enu_mps)
         point = np.broadcast_to(np.asarray(self.point_m), self.looks.innovation_px.shape[:1] + (3,)) + moved
-        return suspects(self._sensor, self._shot, point, self._pixel_px, self.estimate.places)
+        # Told in numpy, too, the numbers of the sensor are those of the device: no others are asked.
+        sensor = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, self._sensor)
+        return suspects(sensor, self._shot, point, self._pixel_px, self.estimate.places)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
