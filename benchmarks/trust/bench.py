@@ -19,6 +19,9 @@ import jax
 from ..one_thread import CORES
 from .catalogue import CATALOGUE, chosen
 from .run import Bench, Row, Run
+from .suspects import SCENES, Tried, tried
+from .suspects import SEEDS as SUSPECTS_SEEDS
+from .suspects import table as table_of_suspects
 from .table import page, table, write
 from .way import Way
 
@@ -56,12 +59,16 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--way", nargs="+", default=[], metavar="NAME", help="beginnings of names of ways (default: all)")
     parser.add_argument("--seeds", type=int, help=f"of each way (default: {SEEDS})")
     parser.add_argument("--clean", type=int, help=f"seeds of clean data (default: {CLEAN}; of variants at most {OTHER_CLEAN})")
+    parser.add_argument("--suspects", action="store_true", help="only: is the number that is wrong the one that is suspected?")
     parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds and {SHORT_CLEAN} clean ones, in this process")
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="write all figures")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the tables as a Markdown page")
     options = parser.parse_args(arguments)
     seeds = options.seeds or (SHORT_SEEDS if options.short else SEEDS)
     clean = options.clean or (SHORT_CLEAN if options.short else CLEAN)
+    if options.suspects:
+        print(suspected(options.seeds or SUSPECTS_SEEDS))
+        return 0
     ways = chosen(options.verb, options.way, options.short)
     start, rows = time.perf_counter(), []
     for row in (rows_of if options.short else _in_processes)(ways, seeds, clean):
@@ -74,6 +81,22 @@ def main(arguments: Sequence[str]) -> int:
     if options.page is not None:
         options.page.write_text(page(rows), encoding="utf-8")
     return int(any(row.way.kind == "scored" and row.share("fooled") > 0 for row in rows))
+
+
+def suspected(seeds: int) -> str:
+    """The table of suspects, scene by scene."""
+    spawn, scenes = multiprocessing.get_context("spawn"), list(SCENES)
+    with ProcessPoolExecutor(_PROCESSES, spawn, initializer=_use, initargs=(CORES,)) as pool:
+        return table_of_suspects([run for runs in pool.map(_suspects_of, scenes, repeat(seeds)) for run in runs])
+
+
+def _suspects_of(scene: str, seeds: int) -> list[Tried]:
+    jax.config.update("jax_enable_x64", True)
+    found = []
+    for seed in range(seeds):
+        found += tried(scene, seed)
+        print(f"{scene}: seed {seed}", file=sys.stderr, flush=True)
+    return found
 
 
 def _in_processes(ways: Sequence[Way], seeds: int, clean: int) -> Iterator[Row]:

@@ -16,6 +16,7 @@ from benchmarks.trust.bench import main, rows_of
 from benchmarks.trust.catalogue import CATALOGUE, chosen
 from benchmarks.trust.run import Bench, power
 from benchmarks.trust.score import alike, bound, gain, ground_chi_square, is_sound, is_wrong, names_in, says, scaled, who
+from benchmarks.trust.suspects import Tried, table
 from benchmarks.trust.table import figures, fooled, page
 from benchmarks.trust.way import Judged, Spoiled, Way
 
@@ -234,6 +235,18 @@ def test_what_is_noticed_today_stays_noticed(verb):
     told = {of["way"]: of for of in figures(rows)}
     if verb != "locate":
         assert told["check points 10 m off"]["named"] == 1.0
+
+
+def test_suspects_that_nobody_could_see_are_not_counted():
+    runs = [
+        Tried("haian", "scan.gain", 0, 150.0, True, ("scan.gain",)),
+        Tried("haian", "scan.gain", 1, 130.0, False, ("pitch.gain",)),
+        Tried("haian", "scan.gain", 2, 99.0, False, ()),
+        Tried("haian", "scan.zero_deg", 0, float("nan"), False, ()),
+    ]
+    assert [run.counts for run in runs] == [True, True, False, False]
+    printed = table(runs)
+    assert "1 of   2; else pitch.gain" in printed and printed.endswith("named first: 50.0 % of 2; 2 could not be seen")
 
 
 def test_the_command_writes_what_it_prints(tmp_path, capsys):

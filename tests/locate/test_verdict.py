@@ -249,3 +249,14 @@ def test_jit_and_vmap_are_the_loop(run, runs):
         )
         for got, expected in zip(jax.tree.leaves(jax.tree.map(lambda a, i=i: a[i], batched)), jax.tree.leaves(loop), strict=True):
             np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_numbers_of_the_camera_are_suspected(run):
+    """A principal point 400 px aside, 9 sigma: it is named, though reasons are told in numpy; nothing of the camera was asked."""
+    links = dict(zip(run.sensor.names, run.sensor.links, strict=True))
+    off = wj.Sensor(links, wj.FrameCamera(run.sensor.camera.focal_px, (400.0, 0.0)))
+    found = run.locate(sensor=off, errors=tianshan.frame_errors(), throw=False)
+    names = found.evidence.suspects.names
+    assert "camera.principal_point_px[0]" in names and "camera.focal_px" in names
+    (reason,) = [one for one in found.reasons if one.kind == "a number taken as known"]
+    assert "camera.principal_point_px[0]" in reason.figures["numbers"]

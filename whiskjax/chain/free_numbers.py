@@ -21,8 +21,8 @@ def free_numbers(sensor: Sensor) -> tuple[Address, ...]:
 
     Records (samples of a trajectory, readings of an encoder, motions at stations, tables) are none, nor what says what a part is.
     """
-    names = (*sensor.names, "camera", *(() if sensor.refraction is None else ("refraction",)))
-    return tuple(place for name in names for place in _within(name, (), sensor[name]))
+    own = tuple(place for name in (*sensor.names, "camera") for place in _within(name, (), sensor[name]))
+    return own if sensor.refraction is None else (*own, Address("refraction", ("scale",), ()))
 
 
 def _within(link: str, path: tuple[str, ...], part: object) -> Iterator[Address]:

@@ -33,12 +33,13 @@ from .unknown import ANGLE, METRE, Unit, unit_of
 
 # Errors as they come in practice, by the suffix of the field: what silent ones are judged by. Other numbers, those of cameras,
 # are wrong by what moves pixels by one (RMS).
-_USUAL = {"zero_rad": 5e-3, "_m": 0.1, "_rad": 1e-3, "_s": 0.01, "gain": 1e-3}
+_USUAL = {"zero_rad": 5e-3, "_m": 0.1, "_rad": 1e-3, "_s": 0.01, "gain": 1e-3, "scale": 0.1}
 # National datums that move with their plate are half a metre from the global ones after twenty years.
 DATUM, _DATUM_M = "datum", 0.5
-# Where a coefficient, or a focal length by such a part, has to change by more to move pixels by one, all points lie so near the
-# principal point that it acts on the noise of their images: it would be found in that noise.
-_LARGEST, _LARGEST_PART = 0.1, 0.005
+# A number that has to change by more to move pixels by one (so many usual errors, a coefficient by so much, a focal length by a
+# part) acts on hardly more than noise, as where all points lie near the principal point, or an encoder stays near its zero: it
+# would be found in that noise.
+_LARGEST_USUAL, _LARGEST, _LARGEST_PART = 100.0, 0.1, 0.005
 _MOTIONS = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 _POSE_UNITS, _POSE_USUAL = (ANGLE,) * 3 + (METRE,) * 3, (1e-3,) * 3 + (0.1,) * 3
 
@@ -126,9 +127,9 @@ def suspects(
     if kinked:
         columns[kinked] = _across(sensor, shot, point_m, tuple(places[i] for i in kinked))
     length = np.sqrt((columns**2).sum(axis=2).mean(axis=1))
-    usual = np.array([_usual(place, float(m)) for place, m in zip(places, length, strict=True)])
-    most_usual = np.array([_largest(sensor, place) for place in places])
-    usual = np.where(usual > most_usual, 0.0, usual)
+    moving = np.where(length > 0, 1 / np.where(length > 0, length, 1.0), math.inf)
+    usual = np.array([_usual(place, float(by)) for place, by in zip(places, moving, strict=True)])
+    usual = np.where(moving > [_largest(sensor, place) for place in places], 0.0, usual)
     frame = record_frame(sensor)
     found = Suspects(names, ("",) * k, frame, tuple(map(unit_of, places)), usual, np.moveaxis(columns, 0, -1), motion, place)
     if not stated:
@@ -189,18 +190,25 @@ def _across(
 
 def _largest(sensor: Sensor, place: Address) -> float:
     """The largest error that is looked for."""
+    if (usual := _stated(place)) is not None:
+        return _LARGEST_USUAL * usual
     if place.path[-1] == "focal_px":
         return _LARGEST_PART * abs(float(np.asarray(read(sensor, place))))
     return _LARGEST if unit_of(place).name == "1" else math.inf
 
 
-def _usual(place: Address, length_px: float) -> float:
-    given = next((size for suffix, size in _USUAL.items() if place.path[-1].endswith(suffix)), None)
-    return given if given is not None else 1 / length_px if length_px > 0 else 0.0
+def _usual(place: Address, moving: float) -> float:
+    """**Arguments:** `moving`: what moves pixels by one."""
+    usual = _stated(place)
+    return usual if usual is not None else moving if math.isfinite(moving) else 0.0
+
+
+def _stated(place: Address) -> float | None:
+    return next((size for suffix, size in _USUAL.items() if place.path[-1].endswith(suffix)), None)
 
 
 def _all_columns(sensor: Sensor, shot: Shot, point: Vec3, pixel: Vec2, numbers: Parameters) -> tuple[Array, ...]:
-    """By each number, (k, n) of x and of y, by the six motions of the frame of the record, (n, 2, 6), and by the point, (n, 2, 3).
+    """By each number, (k, n) of x and of y, by the six motions of the record's frame, (n, 2, 6), and by the point, (n, 2, 3).
 
     By numbers of the camera where a ray was measured, not where it is projected: there the errors of the poses are in the place,
     and residuals would be explained by themselves. Across a detector line the measured offset is noise, and the line is taken.

@@ -189,7 +189,9 @@ class Location(eqx.Module):
     @property
     def _suspects(self) -> Suspects:
         """What was taken as known; of looks that were used."""
-        return suspects(self._sensor, self._shot, self._seen_m, self._pixel_px, self.estimate.places, stated=bool(self._errors))
+        # Told in numpy, too, the numbers of the sensor are those of the device: no others are asked.
+        sensor = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, self._sensor)
+        return suspects(sensor, self._shot, self._seen_m, self._pixel_px, self.estimate.places, stated=bool(self._errors))
 
     @property
     def _seen_m(self) -> Float[np.ndarray, "looks 3"]:

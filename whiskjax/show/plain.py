@@ -59,13 +59,13 @@ def weights(found: Components | None) -> list[Summary]:
     return [
         {
             "group": name,
-            "is_prior": bool(p),
-            "n": int(n),
-            "sigma_factor": number(f),
-            "relative_sigma": number(s),
-            "is_plausible": not beyond,
+            "is_prior": bool(found.is_prior[g]),
+            "n": int(found.count[g]),
+            "sigma_factor": number(found.factor[g]),
+            "relative_sigma": number(found.log_sigma[g]),
+            "is_plausible": not found.is_stretched[g],
         }
-        for name, p, n, f, s, beyond in zip(*found, found.is_stretched, strict=True)
+        for g, name in enumerate(found.names)
     ]
 
 
