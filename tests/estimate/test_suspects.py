@@ -170,14 +170,15 @@ def test_near_copies_are_copies(flight):
     assert reason.grade == "failure" and set(reason.figures["times"]) == {2}
 
 
-def test_looks_given_twice_are_copies():
+def test_looks_given_twice_but_for_a_trifle_are_copies():
+    """Those that are the same to the last digit are counted once (tests/locate/test_verdict.py)."""
     flight = tianshan.simulate(2)
     looks, _ = flight.looks([0])
     twice = np.sort(np.concatenate([np.arange(len(looks))] * 2))
     shot = dataclasses.replace(looks.shot, time_s=looks.shot.time_s[twice], image=np.arange(len(twice)) // 2)
     answer = wj.locate(
         flight.sensor,
-        wj.Looks(shot, looks.pixel_px[twice], (2.0, 2.0)),
+        wj.Looks(shot, looks.pixel_px[twice] + 1e-6 * (np.arange(len(twice)) % 2)[:, None], (2.0, 2.0)),
         surface=wj.HeightSurface(1000.0),
         sigma_enu_m=(1500.0,) * 3,
         errors=flight.errors,

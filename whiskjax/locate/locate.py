@@ -107,8 +107,9 @@ def locate(
     for i, one in enumerate(errors):
         for sigma in one.sigma:
             arrays.fit(f"errors[{i}]", np.shape(sigma), "...")
+    known_m = None
     if surface_sigma_m is not None:
-        surface_sigma_m = arrays.take("surface_sigma_m", surface_sigma_m, "", finite=True, above=0.0, meaning="metres")
+        known_m = jnp.asarray(arrays.take("surface_sigma_m", surface_sigma_m, "", finite=True, above=0.0, meaning="metres"))
     if method not in _METHODS:
         raise WhiskjaxError(f"locate: method is one of {', '.join(_METHODS)}, not {method!r}")
     refuse_extremes(sensor, "locate")
@@ -127,7 +128,7 @@ def locate(
             raise WhiskjaxError("locate: give a guess, or sigma_enu_m: how far the first look's place on the surface may be off")
         take_sigma(Arrays("locate"), sigma_enu_m)
         guess = first_guess(sensor, looks, surface, sigma_enu_m, throw=throw)
-    ground = None if surface_sigma_m is None else ground_seen(sensor, looks, surface, surface_sigma_m)
+    ground = None if known_m is None else ground_seen(sensor, looks, surface, known_m)
     sensor, nuisance = gather(sensor, estimate, consider)
     if not is_traced(looks.pixel_px):
         tell(f"locate: {len(looks)} looks, {method} (the first time compiled)")
