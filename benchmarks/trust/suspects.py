@@ -83,8 +83,6 @@ SCENES: dict[str, tuple[Callable[[int], Answered], tuple[str, ...]]] = {
         (
             "body.delay_s",
             "body.attitude_delay_s",
-            *(f"camera.{view}.{field}_px" for view in songshan.VIEWS for field in ("focal", "principal_sample", "offset")),
-            "camera.forward.deformation_px[1,2]",
         ),
     ),
     "tianshan": (

@@ -248,6 +248,7 @@ def _cleanse(
             break
     sigma = [None if x.sigma is None else x.sigma * float(factor) for x, factor in zip(unknowns, prior, strict=True)]
     unknowns = tuple(dataclasses.replace(x, sigma=s) for x, s in zip(unknowns, sigma, strict=True))
+    assert found is not None
     uncertain = of_least_squares(found, data_of(grouping, reweigh.spread, given, here, used), len(unknowns))
     return ready, here, used, unknowns, found, uncertain
 

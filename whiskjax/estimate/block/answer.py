@@ -38,7 +38,7 @@ def answer(
     start_u: Any,
     used: Bool[np.ndarray, " rays"],
     found: Components | None,
-    uncertain: Uncertain | None,
+    uncertain: Uncertain | None = None,
 ) -> Adjustment:
     """The adjustment that a solution is."""
     ready, block, state = prepared.ready, prepared.block, solved.state

@@ -72,7 +72,7 @@ def reweigh(
         step = np.where(asked & (found.redundancy > 0.5), step, 0.0)
         if (last := i == _ROUNDS - 1) or np.abs(step).max() < _SAME_FACTOR:
             there = np.flatnonzero(asked & (found.count > 0))
-            covariance, *by_factors = _uncertainty(found, np.asarray(solved.reduced.matrix), there, given_right)
+            covariance, by_factors, log_variance = _uncertainty(found, np.asarray(solved.reduced.matrix), there, given_right)
             is_known = np.sqrt(covariance.diagonal()) <= LEAST_KNOWN
             if last or is_known.all():
                 break
@@ -81,9 +81,9 @@ def reweigh(
         log_factor += step
         prepared = _rescaled(given, np.exp(log_factor - begun), solved.state, used, marked)
         solved = gauss_newton(prepared.ready, prepared.start, max_steps)
-    names, is_prior = tuple(NAMES[g] for g in there), there >= _TURN
+    names, is_prior = tuple(NAMES[g] for g in there), np.asarray(there >= _TURN)
     parts = Components(names, is_prior, found.count[there], np.exp(log_factor[there]), covariance)
-    return prepared, solved, parts, uncertain(*by_factors, covariance)
+    return prepared, solved, parts, uncertain(by_factors, log_variance, covariance)
 
 
 def _step(
