@@ -174,7 +174,7 @@ class FrameCamera(AbstractCamera):
         )
         self.per_image = per_image
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """No distortion."""
         return np.zeros(5) if field == "distortion" else None
 

@@ -101,7 +101,7 @@ class LineCamera(AbstractCamera):
         if self.wave_px is not None and self.wavelength_px is None:
             arrays.refuse("wavelength_px", "is None, but there is a wave_px: say how long it is")
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """A straight line."""
         if field == "wave_px" and self.wavelength_px is not None:
             return np.zeros((2, 2))

@@ -47,7 +47,7 @@ class Mount(AbstractLink):
             raise WhiskjaxError(f"Mount: lever_sign is +1 or -1, not {lever_sign!r}")
         self.lever_sign = lever_sign
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """No lever arm, no turn."""
         return np.zeros(3) if field in ("lever_arm_m", "angles_rad") else None
 

@@ -4,7 +4,8 @@ import dataclasses
 from typing import ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Float
 
 
 class AbstractPart(eqx.Module):
@@ -18,6 +19,6 @@ class AbstractPart(eqx.Module):
         """Whether a field may hold an unknown, now or as one of the ints that stand for exact numbers: 0, or 1."""
         return field not in cls.given and not any(f.name == field and f.metadata.get("static") for f in dataclasses.fields(cls))
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """What None in a field means, as an array that can hold an unknown; None where no number means the same."""
         return None

@@ -49,7 +49,7 @@ class AbstractStations(AbstractLink):
     def motions(self) -> tuple[Float[Array, "stations 3"] | None, Float[Array, "stations 3"] | None]:
         """The motions of the stations: `turn_rad` and `shift_m`."""
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """No motion of any station."""
         return np.zeros((self.stations, 3)) if field in ("turn_rad", "shift_m") else None
 

@@ -192,7 +192,7 @@ class Turn(AbstractLink):
             "polynomial_rad", polynomial_rad, "... powers", optional=True, finite=True, within_rad=2 * np.pi, meaning=powers
         )
 
-    def absent(self, field: str) -> Float[Array, "..."] | None:
+    def absent(self, field: str) -> Float[np.ndarray, "..."] | None:
         """An even scale."""
         return np.zeros(_POWERS) if field == "polynomial_rad" else None
 

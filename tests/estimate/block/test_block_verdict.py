@@ -173,8 +173,8 @@ def test_an_error_that_all_poses_share_is_named():
 
 
 def test_kinds_of_observations_have_a_bound_of_their_own():
-    """POS that errs ten times as much as stated is named, beside rays in order."""
+    """Surveyed coordinates that are twenty times as wrong as stated are named, beside rays of ties that are in order."""
     case = blocks.Blocks().draw(3, True)
-    spoiled, _ = block_spread.stated_pos(10.0)(case, np.random.default_rng(0))
+    spoiled, _ = block_spread.stated_control(20.0)(case, np.random.default_rng(0))
     (reason,) = [one for one in blocks.Blocks().answer(spoiled).reasons if one.kind == "a group too large"]
-    assert {"POS attitude", "POS position"} & set(reason.figures["groups"]) and "tie rays" not in reason.figures["groups"]
+    assert "control and check points" in reason.figures["groups"] and "tie rays" not in reason.figures["groups"]
