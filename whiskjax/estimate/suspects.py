@@ -119,7 +119,7 @@ def suspects(
     sensor = make_room(sensor, *places)
     k = len(places)
     names = tuple(place.text for place in places)
-    numbers = Parameters(jnp.zeros(k), jnp.ones(k), jnp.zeros((k, k)), names, tuple((place,) for place in places))
+    numbers = Parameters(*_numbers(np.zeros(k), np.ones(k)), names, tuple((place,) for place in places))
     point, pixel = (unstack(on_device(np.asarray(of, dtype=float))) for of in (point_m, pixel_px))
     x, y, motion, place = (np.asarray(part) for part in _swept(sensor, shot, point, pixel, numbers))
     columns = np.stack([x, y], axis=-1)
@@ -182,10 +182,15 @@ def _across(
     step_s = np.array([_spacing_s(_owner(sensor, p)) for p in places])
     now, k = np.array([float(np.asarray(read(sensor, place))) for place in places]), len(places)
     names, of = tuple(place.text for place in places), tuple((place,) for place in places)
-    numbers = Parameters(jnp.asarray(now), jnp.asarray(step_s), jnp.zeros((k, k)), names, of)
-    sides = jnp.concatenate([jnp.eye(k), -jnp.eye(k)])
+    numbers = Parameters(*_numbers(now, step_s), names, of)
+    sides = on_device(np.concatenate([np.eye(k), -np.eye(k)]))
     pixel = np.asarray(_pixels(sensor, shot, unstack(on_device(np.asarray(point_m))), numbers, sides))
     return (pixel[:k] - pixel[k:]) / (2 * step_s[:, None, None])
+
+
+def _numbers(mean: Float[np.ndarray, " k"], scale: Float[np.ndarray, " k"]) -> tuple[Any, Any, Any]:
+    """Mean, scale and root of numbers without a prior, on the device."""
+    return on_device(mean), on_device(scale), on_device(np.zeros((len(mean),) * 2))
 
 
 def _largest(sensor: Sensor, place: Address) -> float:

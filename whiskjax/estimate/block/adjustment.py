@@ -184,7 +184,7 @@ class Adjustment(eqx.Module):
     def check(self) -> CheckTest:
         """The check points' coordinates beside those that came out."""
         points = np.asarray(self.point_m), np.asarray(self.covariance_m2)
-        return checked(self._prepared, self._solved, np.asarray(self.used), *points)
+        return checked(self._prepared, self._solved, np.asarray(self.used), *points, self._fitted)
 
     @property
     def left_out(self) -> tuple[str, ...]:

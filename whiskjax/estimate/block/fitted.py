@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import block_array, csr_array, diags_array, issparse
 
 from ...chain.stations import AbstractStations
@@ -42,7 +42,8 @@ class BlockFitted(AbstractFitted):
         motion = weight * np.nan_to_num(by_motion).reshape(-1, 6)
         moving = _by_station(prepared, state, motion)
         self._by_rest = block_array([[moving, csr_array(rest)]], format="csr") if moving.shape[1] else csr_array(rest)
-        self._own = _points_inverse(block, self._by_point)
+        self._blocks = _points_inverse(block, self._by_point)
+        self._own = _on_the_diagonal(self._blocks)
         self._crossed = (self._by_rest.T @ self._by_point @ self._own).tocsr()  # W V^-1
 
     def whitened(self, pattern_px: Any) -> Any:
@@ -55,6 +56,11 @@ class BlockFitted(AbstractFitted):
         left = _dense(of_rest - self._crossed @ of_points)
         taken = _dense(of_points.T @ (self._own @ of_points)) + left.T @ (self._inverse @ left)
         return Gram(_dense(pattern.T @ pattern), taken)
+
+    def points(self, index: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "m 3n"]]:
+        """Of some points V^-1, what their own rays leave of them, and W V^-1, how they follow motions and unknowns."""
+        columns = (3 * index[:, None] + np.arange(3)).ravel()
+        return self._blocks[index], _dense(self._crossed[:, columns])
 
     @cached_property
     def taken(self) -> Float[np.ndarray, "n 2 2"]:
@@ -125,9 +131,8 @@ def _sparse(values: Float[np.ndarray, "rows some"], columns: Any, size: int) -> 
     return csr_array((values.ravel(), (rows.ravel(), np.broadcast_to(columns, values.shape).ravel())), (len(values), size))
 
 
-def _points_inverse(block: Block, by_point: Any) -> Any:
+def _points_inverse(block: Block, by_point: Any) -> Float[np.ndarray, "points 3 3"]:
     """V^-1, blocks of three; zero where nothing says where a point is."""
-    points = len(block.role)
     normal = np.array(block.information(), dtype=float)
     product = (by_point.T @ by_point).tocoo()
     same = product.coords[0] // 3 == product.coords[1] // 3
@@ -137,9 +142,13 @@ def _points_inverse(block: Block, by_point: Any) -> Any:
     known = np.abs(np.linalg.det(normal)) > 0
     known &= block.seen
     inverse[known] = np.linalg.inv(normal[known])
-    at = 3 * np.arange(points)[:, None, None]
+    return inverse
+
+
+def _on_the_diagonal(blocks: Float[np.ndarray, "points 3 3"]) -> Any:
+    at = 3 * np.arange(len(blocks))[:, None, None]
     rows, columns = np.broadcast_arrays(at + np.arange(3)[:, None], at + np.arange(3)[None, :])
-    return csr_array((inverse.ravel(), (rows.ravel(), columns.ravel())), (3 * points, 3 * points))
+    return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), (3 * len(blocks),) * 2)
 
 
 def _dense(matrix: Any) -> np.ndarray:
