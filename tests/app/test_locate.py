@@ -269,6 +269,17 @@ def test_a_given_position_that_contradicts_ends_in_three(whiskjax, copied, locat
     assert any("the given position lies" in reason["text"] for reason in found["verdict"]["reasons"])
 
 
+def test_the_height_of_a_target_may_be_known(whiskjax, copied, tmp_path):
+    """Looks in one moment give a line; with the target's height they give the point, and the verdict says what decides."""
+    copied.keep_lines("observations.csv", lambda line: line == 2)
+    result = whiskjax("locate", copied.path, "--out", tmp_path / "out", *ASKED, "--height-sigma", 10)
+    found = json_of(tmp_path / "out")
+    agree(found, directly(copied.path, surface_sigma_m=10.0)[0])
+    assert found["position"]["height_m"] == pytest.approx(HEIGHT, abs=30)
+    assert "height" in {reason["kind"] for reason in found["verdict"]["reasons"]}
+    assert "--height-sigma 10" in found["command"] and result.exit_code == (0 if found["verdict"]["is_sound"] else 3)
+
+
 def test_one_look_gives_a_line_and_no_answer(whiskjax, copied, located, tmp_path):
     copied.keep_lines("observations.csv", lambda line: line == 2)
     out = shutil.copytree(located[1], tmp_path / "out")  # results of an earlier run, which must go
@@ -290,6 +301,8 @@ BAD = {
     "negative sigma": ([*ASKED[:4], "--sigma-enu", 0, 10, 1500], ["positive definite"]),
     "gate that is no number": ([*ASKED, "--gate", "nan"], ["--gate nan"]),
     "sigma below zero": ([*ASKED[:4], "--sigma-enu", -10, 10, 1500], ["--sigma-enu -10 10 1500", "positive"]),
+    "sigma of no height": ([*ASKED[:2], "--height-sigma", 5], ["--height-sigma", "--height is known"]),
+    "sigma of the height below zero": ([*ASKED, "--height-sigma", -5], ["--height-sigma -5", "positive"]),
     "height that is no number": ([*ASKED[:2], "--height", "inf"], ["--height inf"]),
     "above the platform": (
         [*ASKED[:2], "--height", 20000],

@@ -60,6 +60,10 @@ def locate(
             help="Height (m, ellipsoidal) where the first look is cut for a guess; if not given, the mean of the control points."
         ),
     ] = None,
+    height_sigma: Annotated[
+        float | None,
+        typer.Option(help="1-sigma (m) of --height, where that is the target's own: an observation beside the looks."),
+    ] = None,
     sigma_enu: Annotated[
         tuple[float, float, float] | None,
         typer.Option(help="1-sigma of the first guess: east, north, up (m); if not given, from how slant the first look is."),
@@ -80,7 +84,7 @@ def locate(
     Prints the position with its accuracy, the test of the looks, and a verdict. Writes results.json, report.html, looks.csv, PNG
     figures, and, of a flight in ECEF, target.geojson and target.kml.
     """
-    _refuse_numbers(height, sigma_enu, gate)
+    _refuse_numbers(height, height_sigma, sigma_enu, gate)
     refuse_place(out, _OURS, flight)
     start_jax()
     from .stages import Stages
@@ -95,12 +99,13 @@ def locate(
         if both := [x.name for x in estimated if x in considered]:
             raise FlightError(f"{', '.join(both)}: an unknown is estimated or considered, not both")
         stages.enter("compile and locate")
-        sighting = _locate(found, target, points, height, sigma_enu, method, gate, estimated, considered)
+        sighting = _locate(found, target, points, height, height_sigma, sigma_enu, method, gate, estimated, considered)
         stages.enter("draw and write")
         from ..show.target.charts import draw_charts
         from ..show.target.summary import summarise
 
-        summary = summarise(sighting, _command(flight, target, out, height, sigma_enu, method, gate, estimate, consider))
+        command = _command(flight, target, out, height, height_sigma, sigma_enu, method, gate, estimate, consider)
+        summary = summarise(sighting, command)
         drawings = draw_charts(sighting)
         with result_folder(out, _OURS) as folder:
             _write(folder, sighting, summary, drawings)
@@ -108,10 +113,16 @@ def locate(
     raise typer.Exit(0 if summary["verdict"]["is_sound"] else NOT_SOUND)
 
 
-def _refuse_numbers(height: float | None, sigma_enu: tuple[float, float, float] | None, gate: float | None) -> None:
+def _refuse_numbers(
+    height: float | None, height_sigma: float | None, sigma_enu: tuple[float, float, float] | None, gate: float | None
+) -> None:
     """What the options cannot be, whatever the flight."""
     if height is not None and not math.isfinite(height):
         raise FlightError(f"--height {height:g}: a number of metres is expected")
+    if height_sigma is not None and height is None:
+        raise FlightError("--height-sigma says how well --height is known, which is not given")
+    if height_sigma is not None and not 0 < height_sigma < _FAR_M:
+        raise FlightError(f"--height-sigma {height_sigma:g}: a positive number of metres is expected")
     if sigma_enu is not None and not all(0 < sigma < _FAR_M for sigma in sigma_enu):
         given = " ".join(f"{sigma:g}" for sigma in sigma_enu)
         raise FlightError(f"--sigma-enu {given}: three positive numbers of metres make a covariance that is positive definite")
@@ -160,6 +171,7 @@ def _locate(
     target: str,
     points: list[int],
     height: float | None,
+    height_sigma: float | None,
     sigma_enu: tuple[float, float, float] | None,
     method: Method,
     gate: float | None,
@@ -209,6 +221,7 @@ def _locate(
         looks,
         guess=guess,
         surface=surface,
+        surface_sigma_m=height_sigma,
         errors=counted,
         method=method.value,
         estimate=estimated,
@@ -238,6 +251,7 @@ def _command(
     target: str,
     out: Path,
     height: float | None,
+    height_sigma: float | None,
     sigma_enu: tuple[float, float, float] | None,
     method: Method,
     gate: float | None,
@@ -246,6 +260,7 @@ def _command(
 ) -> str:
     words = ["whiskjax", "locate", str(flight), "--target", target, "--out", str(out)]
     words += ["--height", f"{height:g}"] if height is not None else []
+    words += ["--height-sigma", f"{height_sigma:g}"] if height_sigma is not None else []
     words += ["--sigma-enu", *(f"{s:g}" for s in sigma_enu)] if sigma_enu is not None else []
     words += ["--method", method.value] if method is not Method.iterated else []
     words += ["--gate", f"{gate:g}"] if gate is not None else []
