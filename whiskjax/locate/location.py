@@ -184,14 +184,15 @@ class Location(eqx.Module):
 
     def _passing(self) -> tuple[Array, tuple[str, ...]]:
         """What errors that are not stated as constant do to the pixels, and their frames."""
-        return passing_effects_px(self._errors, self._sensor, self._shot, unstack(jnp.asarray(self._seen_m)), self._surface)
+        seen, surface = unstack(jnp.asarray(self._seen_m)), _on_device(self._surface)
+        return passing_effects_px(_on_device(self._errors), _on_device(self._sensor), _on_device(self._shot), seen, surface)
 
     @property
     def _suspects(self) -> Suspects:
         """What was taken as known; of looks that were used."""
-        # Told in numpy, too, the numbers of the sensor are those of the device: no others are asked.
-        sensor = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, self._sensor)
-        return suspects(sensor, self._shot, self._seen_m, self._pixel_px, self.estimate.places, stated=bool(self._errors))
+        return suspects(
+            _on_device(self._sensor), self._shot, self._seen_m, self._pixel_px, self.estimate.places, stated=bool(self._errors)
+        )
 
     @property
     def _seen_m(self) -> Float[np.ndarray, "looks 3"]:
@@ -230,6 +231,11 @@ class Location(eqx.Module):
     def warnings(self) -> tuple[str, ...]:
         """What a careful person would say, the most serious first."""
         return warnings(self.reasons)
+
+
+def _on_device(tree: Any) -> Any:
+    """Told in numpy, too, a sensor reckons with arrays of the device."""
+    return jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, tree)
 
 
 def _runs(looks: int) -> Grouping:
