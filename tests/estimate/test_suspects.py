@@ -147,6 +147,9 @@ def test_nobody_reads_more_than_five_warnings():
     found = warnings([*told, wj.Reason("more", "note", "all is well", {})])
     assert found[:4] == tuple(f"sentence {i}" for i in range(4)) and len(found) == 5
     assert found[4] == "and, in .reasons: kind 4, kind 5, kind 6, kind 7" and warnings(told[:5])[-1] == "sentence 4"
+    # One cause fails many checks, and the first caution may name it.
+    told = [reason._replace(grade="failure" if i < 6 else "caution") for i, reason in enumerate(told)]
+    assert warnings(told)[:4] == ("sentence 0", "sentence 1", "sentence 2", "sentence 6")
 
 
 def test_a_contradicted_prior_fails_the_answer(flight):

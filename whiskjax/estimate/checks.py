@@ -15,7 +15,7 @@ from ..rules.results import codes_of, message_of
 from .common_errors import COMMON_ERRORS
 from .evidence import Evidence, seen_by
 from .measurement_checks import BESIDE, COPIES, LEFT_OUT, LOPSIDED
-from .model_test import UNLIKELY
+from .model_test import NOTHING, UNLIKELY
 from .number_checks import CORRELATION, FAR, KINKS, PRIORS, RANK, TURNED
 from .pattern_checks import PATTERN_CHECKS, UNTESTED
 from .reason import CAUTION, FAILURE, FINE, NOTE, Check, Figures, Said, graded, judged, probability, several
@@ -23,7 +23,6 @@ from .suspect_checks import SUSPECT_CHECKS
 from .variance_components import STRETCHED
 
 _SMALL = 0.5  # of the variance factor: below it sigmas are called too large
-_NONE = 1e-12  # below it residuals are rounding
 
 
 def _ended(e: Evidence) -> Figures:
@@ -66,7 +65,7 @@ def _say_agreement(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     factor, freedom, tail = float(np.sqrt(found["factor"])), int(found["freedom"]), float(found["tail_probability"])
     figures = {"sigma_factor": factor, "degrees_of_freedom": freedom, "tail_probability": tail}
     times = f"the {e.words.residuals} are {factor:.3g} times as large as their sigmas say"
-    if found["factor"] < _NONE and freedom > 0:
+    if found["factor"] < NOTHING and freedom > 0:
         made = f"the {e.words.noun} were made with the model itself"
         yield f"the {e.words.residuals} are all zero: {made}, and test nothing", figures
     elif freedom <= 0:
@@ -149,6 +148,6 @@ SIGMAS = Check("sigmas", _stretched, _say_stretched)
 
 
 CHECKS = (
-    ENDED, CHECK_POINTS, SIGMAS, COPIES, AGREEMENT, COMMON_ERRORS, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, BESIDE, LOPSIDED,
+    ENDED, CHECK_POINTS, SIGMAS, COPIES, BESIDE, AGREEMENT, COMMON_ERRORS, *PATTERN_CHECKS, *SUSPECT_CHECKS, LEFT_OUT, LOPSIDED,
     KINKS, RANK, CORRELATION, PRIORS, FAR, TURNED, UNTESTED,
 )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .evidence import Evidence, seen_by
-from .model_test import UNLIKELY
+from .model_test import NOTHING, UNLIKELY
 from .reason import FAILURE, FINE, Check, Figures, Said, about, graded, several
 
 _PART = 0.5  # of the stated variance: with less from the frames it is the pixels whose sigma is too large
@@ -25,7 +25,7 @@ def _common(e: Evidence) -> Figures:
     a^T a / coordinates. Constant errors move the answer by C R^T a, whose covariance in units of C has the eigenvalues of
     a^T R C R^T a, and what is left of the others f C. The largest sum of the two is what some sigma grows by, squared.
     """
-    if e.fit is None or e.seen is None or e.passing is None or not float(e.tail) >= 1 - UNLIKELY:
+    if e.fit is None or e.seen is None or e.passing is None or not float(e.tail) >= 1 - UNLIKELY or e.variance_factor < NOTHING:
         return np.asarray(FINE), {}
     effects, frames = e.passing()
     if not frames:

@@ -10,6 +10,7 @@ from scipy.special import gammaincc, gammainccinv
 from ..rules import arrays_of
 
 UNLIKELY = 1e-4  # what chance explains less often than this, it does not explain
+NOTHING = 1e-12  # a variance factor of rounding: measurements that were made with the model itself
 FAMILY = 1e-3  # the chance that something is found in a family of clean tests, however many there are
 
 

@@ -77,12 +77,17 @@ def is_sound(reasons: Iterable[Reason]) -> bool:
 
 
 def warnings(reasons: Iterable[Reason]) -> tuple[str, ...]:
-    """The sentences of failures and cautions; where there are more than anybody reads, the kinds of the last ones."""
+    """The sentences of failures and cautions; where there are more than anybody reads, the kinds of the others in the last line.
+
+    Failures are often what one cause does to everything, and the first caution may be the cause: it keeps its line.
+    """
     told = [reason for reason in reasons if reason.grade != "note"]
     if len(told) <= _LINES:
         return tuple(reason.text for reason in told)
-    kinds = dict.fromkeys(reason.kind for reason in told[_LINES - 1 :])
-    return *(reason.text for reason in told[: _LINES - 1]), f"and, in .reasons: {', '.join(kinds)}"
+    failures, cautions = ([i for i, reason in enumerate(told) if (reason.grade == "failure") == fails] for fails in (True, False))
+    kept = [*failures[: _LINES - 1 - bool(cautions)], *cautions][: _LINES - 1]
+    kinds = dict.fromkeys(reason.kind for i, reason in enumerate(told) if i not in kept)
+    return *(told[i].text for i in kept), f"and, in .reasons: {', '.join(kinds)}"
 
 
 def graded(grade: int, where: Any, otherwise: Any = FINE) -> Any:
