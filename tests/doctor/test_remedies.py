@@ -77,7 +77,9 @@ def test_uniform_flights_image_alike(flight):
     for each in (flight, turned):
         pixel = np.asarray(wj.project(each.sensor, o.shot, o.point_m, throw=False).pixel_px)
         same = np.asarray(wj.project(uniform(each).sensor, o.shot, o.point_m, throw=False).pixel_px)
-        np.testing.assert_allclose(same, pixel, rtol=0, atol=1e-6)
+        # Behind turns with the other sign some looks are nearly in the focal plane, millions of pixels out: there rounding of the
+        # direction moves the pixel by as much more as its square.
+        np.testing.assert_allclose((same - pixel) / (1 + (pixel / 1e4) ** 2), 0 * pixel, rtol=0, atol=1e-6)
 
 
 def _with_negative_turns(sensor):

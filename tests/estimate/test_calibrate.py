@@ -228,7 +228,7 @@ def test_null_space_has_names(flight):
     held = [dataclasses.replace(x, mean=0.0, sigma=0.01, scale=None) for x in pair]
     with_prior = wj.calibrate(doubled, flight.observations(), held)
     assert with_prior.posterior.is_determined and with_prior.posterior.rank == 1
-    assert any("do not determine kappa one, kappa two" in w for w in with_prior.warnings)
+    assert any("do not determine kappa one, kappa two" in reason.text for reason in with_prior.reasons)
 
 
 def test_more_unknowns_than_observations(flight):

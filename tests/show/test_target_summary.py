@@ -22,7 +22,8 @@ def test_is_plain_data_and_agrees_with_the_location(case):
     assert (summary["position"] is None) == (not sighting.is_answered)
     looks = summary["looks"]
     assert looks["used"] + looks["gated"] + looks["missed"] + looks["left_out"] == looks["looks"] == len(sighting)
-    assert all(warning in summary["warnings"] for warning in sighting.location.warnings)
+    told = [reason["text"] for reason in summary["verdict"]["reasons"]]
+    assert all(reason.text in told for reason in sighting.location.reasons)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -36,7 +37,7 @@ def test_page_says_the_verdict_first_and_refers_to_nothing_outside(case):
     assert f"This location is {summary['verdict']['word']} ." in page.text.split("Looks")[0]
     for table in all_tables(summary):
         assert all(cell.text in page.text for row in table.rows for cell in row)
-    assert all(warning in page.text for warning in summary["warnings"]) and summary["command"] in page.text
+    assert all(reason["text"] in page.text for reason in summary["verdict"]["reasons"]) and summary["command"] in page.text
     assert "There is no map: of a test." in page.text
 
 
@@ -70,6 +71,7 @@ def test_unknowns_are_in_their_unit():
 
 
 def test_what_a_careful_person_would_say():
-    assert not any("[[error]]" in warning for warning in summarise(made("sound"))["warnings"])
-    assert any("[[error]]" in warning for warning in summarise(made("no noise"))["warnings"])
-    assert any("did not pass the gate" in caution for caution in summarise(made("gated"))["warnings"])
+    said = lambda case: [reason["text"] for reason in summarise(made(case))["verdict"]["reasons"] if reason["grade"] != "note"]
+    assert not any("[[error]]" in text for text in said("sound"))
+    assert any("[[error]]" in text for text in said("no noise"))
+    assert any("did not pass the gate" in text for text in said("gated"))

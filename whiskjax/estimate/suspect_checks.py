@@ -14,10 +14,11 @@ from .model_test import FAMILY
 from .reason import CAUTION, FAILURE, FINE, Check, Figures, Said, about, graded, several
 from .score_family import MOVES, judged_together, most_significant
 from .suspects import DATUM, Suspects
+from .unknown import Unit
 
 _LIKE = 0.9  # correlation of what two suspects leave in the residuals: the data cannot tell them apart
 _NOTICED = 4.13  # sigmas: what a test at 0.1 % finds four times in five (Baarda)
-_SILENT, _ALIKE = 3, 3  # things that are named, and numbers of each
+_SILENT, _ALIKE = 3, 2  # things that are named, and numbers of each
 _FEWEST = 4  # measurements of an image whose pose is asked
 _POSED, _ALL = ("image", "strip"), "frame"  # kinds of groups
 
@@ -41,7 +42,7 @@ def _say_suspected(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     others = [of.names[i] for i in order if i not in alike]
     parts = [
         f"{of.names[i]} off by {found['size'][i] * of.usual[i] * of.units[i].factor:+.3g} +- "
-        f"{found['sigma'][i] * of.usual[i] * of.units[i].factor:.2g} {of.units[i].name}"
+        f"{_shown(found['sigma'][i] * of.usual[i], of.units[i])}"
         for i in alike[:4]
     ]
     more = f"; or, less well, {several(others[:5])}" if others else ""
@@ -70,18 +71,23 @@ def _say_silent(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
         kin = of.kin[members[0]]
         # Of what has components, the largest of each unit; of numbers of a link, or that do the same to the answer, each.
         shown = [next(i for i in members if of.units[i] is unit) for unit in dict.fromkeys(of.units[i] for i in members)]
-        sizes = [f"{of.usual[i] * of.units[i].factor:.2g} {of.units[i].name}" for i in (shown if kin else members)]
+        sizes = [_shown(of.usual[i], of.units[i]) for i in (shown if kin else members)]
         each = [f"{size} of {of.names[i]}" for size, i in zip(sizes, members, strict=not kin)]
         named = f"{' or '.join(sizes)} of the {kin}" if kin else " or ".join(each[:_ALIKE])
         parts.append(f"{named} by {about(float(found['silent'][members[0]]))} sigma")
     yield (
-        f"taken as exact, though errors of it would not show and would move the answer: {', '.join(parts)}",
+        f"taken as exact, though errors of it would not show and would move the answer: {'; '.join(parts)}",
         {
             "numbers": [of.names[members[0]] for members in told],
             "moves": [float(found["silent"][members[0]]) for members in told],
             "alike": [[of.names[i] for i in members] for members in told],
         },
     )
+
+
+def _shown(size: float, unit: Unit) -> str:
+    """With its unit, if it has one."""
+    return f"{size * unit.factor:.2g}{'' if unit.name == '1' else f' {unit.name}'}"
 
 
 def _together(found: dict[str, Any], of: Suspects) -> list[list[int]]:

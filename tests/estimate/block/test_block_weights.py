@@ -37,7 +37,7 @@ def again(case, factor):
     )
     turn, shift = (tuple(f * np.array(sigma)) for f, sigma in zip(factor[2:], SIGMA.values(), strict=True))
     answer = wj.adjust(sensor, block, [FOCAL], errors=[wj.FrameErrors("photo", turn, shift)])
-    return answer, weights._groups(answer._prepared, answer._solved, answer.used, marked)
+    return answer, weights.groups_of(answer._prepared, answer._solved, answer.used)
 
 
 def motions_and_value(answer):
