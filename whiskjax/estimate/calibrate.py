@@ -143,7 +143,8 @@ def calibrate(
         _share=share,
         _most=0.5 if blunders is None else blunders.most,
         _considered_places=tuple(x.places for x in considered.unknowns),
-        _states_poses=bool(errors),
+        _errors=tuple(errors),
+        _surface=surface,
     )
     if throw and not traced:
         _raise(answer)
