@@ -24,6 +24,7 @@ from .estimate import Estimate
 from .given import Given, Knowledge, given
 from .linearised import LeastSquares, Linearised, independent, linearise, prepare, refine, refuse, solve, weighted_rows
 from .losses import AbstractLoss
+from .model_test import NOTHING
 from .observations import Observations
 from .posterior import RANK_TOLERANCE, posterior
 from .solution import NEAR, POLISH
@@ -119,7 +120,9 @@ def calibrate(
         for _ in range(POLISH if loss is not None else 1):
             pull = _share(here if loss is None else independent(ready, here, control.astype(float)), control, loss)
             here = refine(ready, here, pull, 1 if loss is not None else POLISH, NEAR)
-        weights = reweigh if bool(is_successful(result)) else None
+        # Measurements that were made with the model itself know nothing of sigmas.
+        is_exact = here.squared[control].sum() < NOTHING * control.sum()
+        weights = reweigh if bool(is_successful(result)) and not is_exact else None
         effect_px = None if weights is None else _effects_px(ready, here, considered, errors, surface)
         ready, here, used, unknowns, found, uncertain = _cleanse(ready, here, control, unknowns, blunders, weights, effect_px)
     here = independent(ready, here, used.astype(float))

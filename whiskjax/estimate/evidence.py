@@ -191,8 +191,10 @@ def groupings(
         value = key(name)
         if value is None or (name == "image" and len(images)):
             continue
-        number = np.asarray(value)
-        names = options.get(name) or tuple(str(i) for i in range(int(number.max()) + 1))
+        number, names = np.asarray(value), options.get(name)
+        if names is None:  # numbers that may be anything, as days
+            there, number = np.unique(number, return_inverse=True)
+            names = tuple(map(str, there.tolist()))
         found.append(Grouping(name, number, names))
     return tuple(found)
 

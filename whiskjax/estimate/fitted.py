@@ -19,6 +19,7 @@ from scipy.sparse import issparse
 
 from .model_test import chi_square_tail
 
+_AT_ONCE = 50  # groups of patterns
 VISIBLE = 1e-4  # of a pattern's square: where the fit leaves less, the error of linearising decides
 
 
@@ -107,11 +108,19 @@ class Score(NamedTuple):
 
 
 def scores(fit: AbstractFitted, pattern_px: Any, groups: list[slice]) -> list[Score]:
-    """The score test of each group of columns of patterns in pixels, (2n, d), each beside nothing else."""
-    pattern = fit.whitened(pattern_px)
-    slope = np.asarray(pattern.T @ fit.residual.ravel())
-    gram = fit.gram(pattern)
-    return [_score(slope[g], gram.whole[g, g], gram.taken[g, g], fit.visible) for g in groups]
+    """The score test of each group of columns of patterns in pixels, (2n, d), each beside nothing else.
+
+    Groups follow one another. Some at a time: of thousands of images the products of all with all are never made.
+    """
+    pattern, found = fit.whitened(pattern_px), []
+    for start in range(0, len(groups), _AT_ONCE):
+        some = groups[start : start + _AT_ONCE]
+        first = some[0].start
+        part = pattern[:, first : some[-1].stop]
+        slope, gram = np.asarray(part.T @ fit.residual.ravel()), fit.gram(part)
+        own = [slice(g.start - first, g.stop - first) for g in some]
+        found += [_score(slope[g], gram.whole[g, g], gram.taken[g, g], fit.visible) for g in own]
+    return found
 
 
 def _score(slope: Any, whole: Any, taken: Any, visible: float) -> Score:

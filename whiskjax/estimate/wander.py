@@ -54,6 +54,11 @@ def memories(
     apart = np.repeat(np.repeat(np.abs(time[:, None] - time[None, :]), 2, axis=0), 2, axis=1)
     alike = turned @ turned.T
     kernels = [left[:, None] * (axes.T @ (alike * np.exp(-apart / tau)) @ axes) * left for tau in ladder]
+    # Of turns that the fit takes, as free poses do, only rounding is left.
+    shown = np.array([np.trace(kernel) for kernel in kernels]) > fit.visible * np.trace(alike)
+    ladder, kernels = ladder[shown], [kernel for kernel, some in zip(kernels, shown, strict=True) if some]
+    if not kernels:
+        return ()
     likely, sigma = _components(axes.T @ fit.residual.ravel()[rows], [np.diag(left), *kernels])
     variance = _mean_above_zero(likely, sigma)[1:]
     weight = variance * ladder

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 from ..chain.imaging import image_to_ground
 from ..chain.sensor import Sensor
 from ..earth.surface import AbstractSurface
+from ..rules.results import is_successful
 from .looks import Looks
 
 _BESIDE_PX = 1.0  # of rays that find the slope
@@ -41,11 +42,11 @@ class Ground(eqx.Module):
 
 
 def ground_seen(sensor: Sensor, looks: Looks, surface: AbstractSurface, sigma_m: Float[Array, ""]) -> Ground:
-    """Where the first look that has a measurement meets a surface; not a number where it does not.
+    """Where the first look that has a measurement and a pose meets a surface; not a number where it does not.
 
     Its slope is that between this ray and two beside it, so that it may be any surface.
     """
-    first = jnp.argmin(looks.is_missed)
+    first = jnp.argmax(~looks.is_missed & is_successful(sensor.check(looks.shot)))
 
     def met(by_px: Float[Array, "2"]) -> Float[Array, "3"]:
         # All looks, of which one is used: links may hold records that are aligned with the looks.

@@ -20,6 +20,7 @@ from ...rules.results import codes_of
 from ..blunders import Blunders
 from ..errors import FrameErrors
 from ..given import Knowledge, given
+from ..model_test import NOTHING
 from ..variance_components import Reweigh
 from . import weights
 from .adjustment import Adjustment
@@ -130,7 +131,9 @@ def adjust(
     for _ in range(2 if blunders is not None and reweigh is not None else 1):  # each is judged by the other
         if blunders is not None and is_fine(solved):
             prepared, solved, used = data_snooping(prepared, solved, used, blunders, max_steps)
-        if reweigh is not None and is_fine(solved):
+        # Rays that were made with the model itself know nothing of sigmas.
+        is_exact = not traced and float(solved.reduced.cost) < NOTHING * len(block)
+        if reweigh is not None and is_fine(solved) and not is_exact:
             prepared, solved, found, uncertain = weights.reweigh(prepared, solved, used, reweigh, found, max_steps)
     adjustment = answer(prepared, solved, priors.unknowns, tuple(errors), start_u, used, found, uncertain)
     if throw and not traced:

@@ -39,6 +39,7 @@ from .station_errors import StationErrors, at_stations
 from .weakness import data_rows
 from .weights import NAMES, groups_of
 
+_TAKEN_APART = 4000  # motions and unknowns
 _MOST = 0.5  # of the rays, that may be left out as wrong
 _WORDS = Words(
     how="the iteration converged",
@@ -184,7 +185,12 @@ class Adjustment(eqx.Module):
     def check(self) -> CheckTest:
         """The check points' coordinates beside those that came out."""
         points = np.asarray(self.point_m), np.asarray(self.covariance_m2)
-        return checked(self._prepared, self._solved, np.asarray(self.used), *points, self._fitted)
+        return checked(self._prepared, np.asarray(self.used), *points, self._information, lambda: self._fitted)
+
+    @property
+    def _information(self) -> Float[np.ndarray, "m m"]:
+        """On motions and unknowns, points integrated out; as far as weights are known."""
+        return np.asarray(self._solved.reduced.matrix) if self.components is None else np.linalg.inv(np.asarray(self._spread))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -248,7 +254,12 @@ class Adjustment(eqx.Module):
 
     @cached_property
     def _held(self) -> tuple[Held, ...]:
-        """Rays, surveyed points and POS: how large their errors are, and how much of them the others control."""
+        """Rays, surveyed points and POS: how large their errors are, and how much of them the others control.
+
+        The reduced matrix is taken apart for it: of thousands of stations it is too large.
+        """
+        if self._solved.reduced.right.size > _TAKEN_APART:
+            return ()
         found = groups_of(self._prepared, self._solved, np.asarray(self.used))
         return tuple(Held(*one) for one in zip(NAMES, found.squares.tolist(), found.redundancy.tolist(), strict=True))
 

@@ -1,5 +1,6 @@
 """What the check points of a block say of it: all of them together, beside coordinates that took no part."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,16 +9,15 @@ from jaxtyping import Bool, Float
 from ..check_points import UNTESTED, CheckTest, Shift, check_test
 from .fitted import BlockFitted
 from .prepare import Prepared
-from .solve import Solved
 
 
 def checked(
     prepared: Prepared,
-    solved: Solved,
     used: Bool[np.ndarray, " rays"],
     point_m: Float[np.ndarray, "points 3"],
     covariance_m2: Float[np.ndarray, "points 3 3"],
-    fitted: BlockFitted,
+    information: Float[np.ndarray, "m m"],
+    fitted: Callable[[], BlockFitted],
 ) -> CheckTest:
     """Adjusted less given coordinates e of the check points, whose errors come from one trajectory and so hang together.
 
@@ -26,7 +26,7 @@ def checked(
     motions and unknowns, whose reduced normal matrix is N. With D = V^-1 + S the inverse of C + S is
     D^-1 - D^-1 B^T (N + B D^-1 B^T)^-1 B D^-1 (Woodbury 1950): C itself, (3 n)^2 numbers, is never made.
 
-    **Arguments:** `point_m`, `covariance_m2`: of the solution; `fitted`: its points' own parts.
+    **Arguments:** `point_m`, `covariance_m2`: of the solution; `information`: N; `fitted`: gives the points' own parts.
     """
     block = prepared.block
     which = (block.role == "check") & block.seen & ~prepared.lone(used) & np.isfinite(covariance_m2).all(axis=(1, 2))
@@ -34,11 +34,11 @@ def checked(
         return UNTESTED
     index = np.flatnonzero(which)
     error = (point_m - block.position_m)[index]
-    own, crossed = fitted.points(index)
+    own, crossed = fitted().points(index)
     each = np.linalg.inv(own + block.covariance_m2[index])
     shifted = np.concatenate([error.reshape(-1, 1), np.tile(np.eye(3), (len(index), 1))], axis=1)
     weighed = _by_blocks(each, shifted)
-    inner = np.asarray(solved.reduced.matrix) + crossed @ _by_blocks(each, crossed.T)
+    inner = information + crossed @ _by_blocks(each, crossed.T)
     weighed = weighed - _by_blocks(each, crossed.T @ np.linalg.solve(inner, crossed @ weighed))
     slope, normal = shifted[:, 1:].T @ weighed[:, 0], shifted[:, 1:].T @ weighed[:, 1:]
     size = np.linalg.lstsq(normal, slope, rcond=1e-9)[0]

@@ -191,4 +191,4 @@ def _uncertainty(
     information = 2 * both[np.ix_(there, there)] + given_right * np.eye(len(there))
     answer = 2 * found.slopes[there] @ inverse
     log_variance = [2 * np.sum(taken[g] * inverse.T, axis=1) / inverse.diagonal() for g in there]
-    return np.linalg.inv(information), answer, np.array(log_variance).reshape(len(there), -1)
+    return np.linalg.inv(information), answer, np.array(log_variance).reshape(len(there), len(matrix))
