@@ -156,8 +156,8 @@ def _say_beside(found: dict[str, Any], _: Sight) -> Iterable[Said]:
     off = float(found["sigmas"])
     if math.isnan(off):
         yield (
-            "nothing stands beside the filter's answer: least squares has no accelerations and gives considered numbers no weight, "
-            "or there is no answer",
+            "nothing stands beside the filter's answer: least squares has no accelerations and gives considered numbers no "
+            "weight, or there is no answer",
             {},
         )
         return

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import whiskjax as wj
-from tests.estimate.block.frames import SIGMA, frames
+from tests.estimate.block.frames import POS, SIGMA, frames
 from whiskjax.estimate.block import weights
 from whiskjax.estimate.variance_components import LEAST_KNOWN
 
@@ -94,3 +94,20 @@ def test_few_values_decide_no_factor():
     marked = few.role[few.point] != "tie"
     np.testing.assert_array_equal(answer.block.sigma_px[marked], few.sigma_px[marked])
     np.testing.assert_array_equal(answer.block.covariance_m2[few.role == "control"], few.covariance_m2[few.role == "control"])
+
+
+def test_where_no_sigma_is_known_none_is_found():
+    """Two images and a handful of points: every group keeps what was stated, and the answer stands."""
+    sensor, block, *_ = frames(seed=3, control=1)
+    some = block.keep((block.key("image") < 2) & (block.point < 5))
+    for rule in (wj.Reweigh(), wj.Reweigh(priors=True)):
+        plain, answer = (wj.adjust(sensor, some, errors=POS, reweigh=r, throw=False) for r in (None, rule))
+        assert answer.components is not None and not answer.components.names
+        np.testing.assert_allclose(answer.covariance_m2, plain.covariance_m2, rtol=1e-9)
+
+
+def test_rays_made_with_the_model_itself_are_not_reweighed():
+    sensor, block, _, truth = frames(seed=3)
+    exact = np.asarray(wj.project(sensor, block.shots(), truth[block.point]).pixel_px)
+    answer = wj.adjust(sensor, dataclasses.replace(block, pixel_px=exact, position_m=truth), errors=POS, reweigh=wj.Reweigh())
+    assert answer.components is None and answer.result == wj.RESULTS.successful
