@@ -6,7 +6,7 @@ import pytest
 
 import whiskjax as wj
 from tests import oracles
-from tests.locate.conftest import Run, draw
+from tests.locate.conftest import Run
 from tests.locate.textbooks import EXACT, TABLE_1, differentiated, enu, noise_of
 from whiskjax.flights import tianshan
 
@@ -107,9 +107,13 @@ def test_a_slope_tilts_the_plane(hovering):
 
 def test_a_first_look_without_a_pose_is_left_out():
     """The surface is met by the first look that has one."""
-    run = draw(4)
-    time = np.array(run.time_s)
+    flight = tianshan.simulate(2)
+    looks, _ = flight.looks([0])
+    time = np.array(looks.shot.time_s)
     time[0] -= 1e4  # long before the record
-    looks = wj.Looks(wj.Shot(time_s=time), run.pixel_px, (2.0, 2.0))
-    answer = run.locate(looks, method="batch", errors=tianshan.frame_errors(), surface_sigma_m=10.0, throw=False)
+    looks = wj.Looks(wj.Shot(time_s=time), looks.pixel_px, (2.0, 2.0))
+    guess = wj.Guess.around(np.asarray(flight.points.position_m)[0], (500.0, 500.0, 500.0))
+    surface = wj.HeightSurface(tianshan.TARGET.height_m)
+    given = {"guess": guess, "surface": surface, "errors": flight.errors, "surface_sigma_m": 10.0}
+    answer = wj.locate(flight.sensor, looks, method="batch", throw=False, **given)
     assert answer.result == wj.RESULTS.successful and not bool(answer.looks.is_used[0]) and bool(answer.looks.is_used[1:].all())
