@@ -200,4 +200,4 @@ def test_a_factor_of_a_hundred_is_a_finding(flight):
     found = wj.calibrate(flight.sensor, off(seen, wrong, 400.0), flight.unknowns, reweigh=wj.Reweigh())
     assert found.fit.is_consistent and not found.is_sound
     for name in ("L1 x", "L1 y", "R1 x", "R1 y"):
-        assert any(said.startswith(f"the errors of {name} are ") and "a finding" in said for said in found.warnings)
+        assert any(r.text.startswith(f"the errors of {name} are ") and "a finding" in r.text for r in found.reasons)

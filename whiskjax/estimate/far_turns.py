@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..chain.address import Address, node_at, put
+from ..chain.address import Address, node_at, put, read
 from ..chain.by import By
 from ..chain.correction import Correction
 from ..chain.mounts import CONVENTIONS, Axes, Mount
@@ -46,15 +46,16 @@ def far_turns(solved: Sensor, estimate: Estimate, start: Float[np.ndarray, " k"]
 
     **Arguments:** `solved`: the sensor with the answer put in; `start`: of its numbers, in the units of their fields.
     """
-    moved = [
-        math.remainder(by, 2 * math.pi) if math.isfinite(by) else 0.0 for by in (np.asarray(estimate.value) - start).tolist()
-    ]
-    far = [k for k, (place, *_) in enumerate(estimate.places) if place.path[-1].endswith("_rad") and abs(moved[k]) > FAR_RAD]
-    if not far:
-        return ()
     pairs = [(place, float(s)) for of, s in zip(estimate.places, start, strict=True) for place in of]
     begun = put(solved, [place for place, _ in pairs], [value for _, value in pairs])
-    return tuple(FarTurn(estimate.names[k], moved[k], *_cured(solved, begun, estimate.places[k][0])) for k in far)
+    found = []
+    for name, (place, *_) in zip(estimate.names, estimate.places, strict=True):
+        if not place.path[-1].endswith("_rad"):
+            continue
+        moved = math.remainder(float(np.asarray(read(solved, place))) - float(np.asarray(read(begun, place))), 2 * math.pi)
+        if abs(moved) > FAR_RAD:
+            found.append(FarTurn(name, moved, *_cured(solved, begun, place)))
+    return tuple(found)
 
 
 def _cured(solved: Sensor, begun: Sensor, place: Address) -> tuple[str, str | None, bool]:
