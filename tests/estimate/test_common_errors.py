@@ -7,7 +7,7 @@ import pytest
 import whiskjax as wj
 from tests.locate.conftest import Run, draw
 from tests.locate.textbooks import EXACT, TABLE_1, differentiated, least_squares
-from whiskjax.flights import haian, tianshan
+from whiskjax.flights import tianshan
 
 
 @pytest.fixture(scope="module")
@@ -57,13 +57,3 @@ def test_sigmas_of_pixels_that_are_too_large_stay_a_caution():
 
 def test_errors_that_are_new_are_not_said_to_be_the_same():
     assert not in_common(draw(5).locate(errors=tianshan.frame_errors()))
-
-
-def test_a_calibration_is_asked_too():
-    """POS is said to turn by a mrad anew at every exposure, and does not: were it the same turn in all, the boresight had it."""
-    flight = haian.simulate(5, truth=haian.draw_truth(jax.random.key(5)))
-    seen, white = flight.observations(), wj.FrameErrors("body", turn_sigma_rad=(1e-3,) * 3)
-    answer = wj.calibrate(flight.sensor, seen, flight.unknowns, errors=[*flight.errors, white], throw=False)
-    (said,) = in_common(answer)
-    assert said.grade == "failure" and said.figures["frame"] == "body" and said.figures["share"] > 0.5
-    assert not in_common(wj.calibrate(flight.sensor, seen, flight.unknowns, errors=flight.errors))

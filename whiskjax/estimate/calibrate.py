@@ -146,8 +146,7 @@ def calibrate(
         _share=share,
         _most=0.5 if blunders is None else blunders.most,
         _considered_places=tuple(x.places for x in considered.unknowns),
-        _errors=tuple(errors),
-        _surface=surface,
+        _states_poses=bool(errors),
     )
     if throw and not traced:
         _raise(answer)

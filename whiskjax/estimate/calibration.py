@@ -9,16 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..algebra.vectors import unstack
 from ..chain.detector import lies_beside
 from ..chain.parameters import Places
 from ..chain.sensor import Sensor
-from ..earth.surface import AbstractSurface
 from ..rules import RESULTS, arrays_of
 from .check_points import UNTESTED, CheckTest, check_test, common_shift, joint_chi_square
 from .checks import CHECKS
-from .error_effects import passing_effects_px
-from .errors import FrameErrors
 from .estimate import Estimate
 from .evidence import Evidence, Seen, Words, courses, groupings, kinks, numbered, records
 from .far_turns import far_turns
@@ -141,10 +137,9 @@ class Calibration(eqx.Module):
     _considered: Considered | None
     _uncertain: Uncertain | None
     _share: Float[Any, " n"]
-    _errors: tuple[FrameErrors, ...]
-    _surface: AbstractSurface | None
     _most: float = eqx.field(static=True)
     _considered_places: Places = eqx.field(static=True)
+    _states_poses: bool = eqx.field(static=True)
 
     @property
     def value(self) -> Float[Any, " k"]:
@@ -266,12 +261,7 @@ class Calibration(eqx.Module):
         """What was taken as known."""
         seen = self.observations
         known, given = (*self.estimate.places, *self._considered_places), np.ones(len(seen), dtype=bool)
-        return suspects(self.sensor, seen.shot, seen.point_m, seen.pixel_px, known, given, bool(self._errors))
-
-    def _passing(self) -> tuple[Any, tuple[str, ...]]:
-        """What errors that are not stated as constant do to the pixels, and their frames."""
-        seen = self.observations
-        return passing_effects_px(self._errors, self.sensor, seen.shot, unstack(jnp.asarray(seen.point_m)), self._surface)
+        return suspects(self.sensor, seen.shot, seen.point_m, seen.pixel_px, known, given, self._states_poses)
 
     @property
     def check_log_density(self) -> float:
@@ -328,7 +318,6 @@ class Calibration(eqx.Module):
             widened=0.0 if at._considered is None else (at._considered.moved**2).sum(axis=1),
             suspects=self._suspects if is_judged else None,
             fit=at._fitted if is_judged else None,
-            passing=self._passing,
             everything=at._fit_of(np.where(at.used | ~control, at._share, 0.0)) if is_judged and not control.all() else None,
         )
 
