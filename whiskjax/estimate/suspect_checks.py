@@ -42,7 +42,7 @@ def _say_suspected(found: dict[str, Any], e: Evidence) -> Iterable[Said]:
     others = [of.names[i] for i in order if i not in alike]
     parts = [
         f"{of.names[i]} off by {found['size'][i] * of.usual[i] * of.units[i].factor:+.3g} +- "
-        f"{_shown(found['sigma'][i] * of.usual[i], of.units[i])}"
+        + _shown(found["sigma"][i] * of.usual[i], of.units[i])
         for i in alike[:4]
     ]
     more = f"; or, less well, {several(others[:5])}" if others else ""

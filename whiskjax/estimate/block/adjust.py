@@ -79,7 +79,7 @@ def adjust(
     ray alone sees are left out and listed.
 
     Under jit, vmap and derivatives nothing is raised, and the answer follows every array that goes in, to every order
-    (derivative.py); its covariances in forward mode. Blunders and weights are searched on the host.
+    (derivative.py), forwards and in reverse. Blunders and weights are searched on the host.
 
     **Raises:** `WhiskjaxError` naming a ray or a strip, or where nothing remains; `SensorError` naming an image whose rays are
     wrong, points with parallel rays, a ray that the adjusted sensor cannot have made, or where the equations are singular.
